@@ -1,0 +1,193 @@
+/*
+ * lights: the interface to a dome controller, whatever wire it hangs on.
+ * Layer: drivers (may include core). Threads: one thread at a time per ls_lights; the sequencer
+ * owns it between arm and blank. Ownership: the caller owns the ls_lights and every array passed.
+ *
+ * A controller holds *conditions* (what the LEDs do) and *steps* (which condition, how long the
+ * pulse, how much dark before it) and fires steps by its own clock, one trigger pulse each, as far
+ * as it has been granted. The host only grants credit and reads step events. All ops block for at
+ * most the configured timeout of the link.
+ */
+#ifndef LS_DRIVERS_LIGHTS_H
+#define LS_DRIVERS_LIGHTS_H
+
+#include "core/error.h"
+
+#include <stdbool.h>
+#include <stddef.h>
+#include <stdint.h>
+
+/** One LED group of one light, at a duty cycle of level / 65535 within its pulse. */
+struct ls_led {
+    uint16_t light;   /* 0-based row of the rig file */
+    uint16_t channel; /* 0 W, 1 R, 2 A, 3 G, 4 C, 5 B, 6 V, 7 H on the reference rig */
+    uint16_t level;   /* PWM duty, [0, 65535] */
+};
+
+enum ls_condition_kind {
+    LS_CONDITION_DARK,    /* every LED off */
+    LS_CONDITION_ONE,     /* leds[0] alone */
+    LS_CONDITION_SPHERE,  /* every light of leds[0].channel at leds[0].level; light ignored */
+    LS_CONDITION_SEGMENT, /* leds[0..n): several lights, one channel, one level */
+    LS_CONDITION_LIST,    /* leds[0..n): anything */
+};
+
+/** One state of all LEDs. */
+struct ls_condition {
+    enum ls_condition_kind kind;
+    uint32_t n_leds;           /* 0 for DARK, 1 for ONE and SPHERE */
+    const struct ls_led *leds; /* transfer none; valid during test and load */
+};
+
+enum ls_step_flags {
+    LS_STEP_HOLD = 1 << 0, /* stay lit after the pulse's start until the next grant, at most
+                              the controller's hold limit (software-triggered cameras) */
+};
+
+/** One trigger pulse. Times in whole microseconds of the controller's clock. */
+struct ls_step {
+    uint32_t condition; /* index into the program's conditions */
+    uint32_t pulse_us;  /* width of LED and trigger pulse */
+    uint32_t settle_us; /* dark before the pulse, counted into the period */
+    uint32_t flags;     /* enum ls_step_flags */
+};
+
+/** What a controller executes after arm. */
+struct ls_program {
+    const struct ls_condition *conditions;
+    uint32_t n_conditions;
+    const struct ls_step *steps;
+    uint32_t n_steps;
+    uint32_t period_us; /* smallest time from pulse start to pulse start */
+};
+
+/** What the controller says of itself. */
+struct ls_lights_info {
+    char serial[32];
+    uint32_t contract; /* version of the controller contract */
+    uint32_t firmware;
+    uint32_t n_lights, n_channels;
+    uint32_t pwm_period_us; /* a dimmed pulse is a whole number of these */
+    uint32_t pwm_levels;    /* distinct duties the hardware knows */
+    uint32_t min_pulse_us, max_pulse_us, min_period_us;
+    uint32_t max_duty_permille; /* mean on-time of one LED over a second */
+    uint32_t max_current_ma;    /* of the whole dome at one moment */
+    uint32_t led_current_ma;    /* of one LED group at full level */
+    uint32_t max_conditions, max_steps, max_program_bytes;
+    uint32_t max_hold_us;
+    uint32_t heartbeat_ms; /* silence after which the controller blanks */
+};
+
+enum ls_event_flags {
+    LS_EVENT_LATE = 1 << 0,    /* fired later than its period asked for */
+    LS_EVENT_CLIPPED = 1 << 1, /* pulse or level clipped by a hardware limit */
+};
+
+/** A step that was fired. */
+struct ls_step_event {
+    uint32_t step;     /* index since arm */
+    uint32_t width_us; /* pulse width really driven */
+    uint64_t us;       /* start of the pulse, controller clock */
+    uint32_t flags;    /* enum ls_event_flags */
+};
+
+enum ls_lights_state {
+    LS_LIGHTS_IDLE,
+    LS_LIGHTS_LOADED,
+    LS_LIGHTS_ARMED,
+    LS_LIGHTS_DONE,  /* every step fired */
+    LS_LIGHTS_FAULT, /* blanked and latched; see faults */
+};
+
+enum ls_lights_fault {
+    LS_FAULT_INTERLOCK = 1 << 0,
+    LS_FAULT_ESTOP = 1 << 1,
+    LS_FAULT_OVERTEMP = 1 << 2,
+    LS_FAULT_OVERCURRENT = 1 << 3,
+    LS_FAULT_OVERDUTY = 1 << 4,
+    LS_FAULT_HEARTBEAT = 1 << 5,
+    LS_FAULT_PROGRAM = 1 << 6, /* program memory is inconsistent */
+};
+
+struct ls_lights_status {
+    enum ls_lights_state state;
+    uint32_t faults; /* enum ls_lights_fault */
+    uint32_t fired;  /* steps fired since arm */
+    uint32_t granted;
+    uint32_t missed_triggers; /* pulses requested earlier than the period allows */
+    uint32_t events_lost;     /* overwritten before they were read: a protocol failure */
+    int32_t temperature_c;
+    uint64_t now_us;         /* controller clock ... */
+    uint64_t host_before_ns; /* ... read between these two host CLOCK_MONOTONIC_RAW times */
+    uint64_t host_after_ns;
+};
+
+struct ls_lights_config {
+    const char *driver;  /* "modbus" */
+    const char *address; /* host, or device path */
+    unsigned port;       /* TCP port */
+    unsigned unit;       /* Modbus unit identifier */
+    unsigned timeout_ms; /* response timeout of the link, default 500 */
+};
+
+struct ls_lights;
+
+/** A driver. Every member is required; each is called by the wrapper only, already validated. */
+struct ls_lights_ops {
+    const char *name;
+    enum ls_err (*open)(const struct ls_lights_config *config, void **priv,
+                        struct ls_lights_info *info, struct ls_diag *diag);
+    enum ls_err (*load)(void *priv, const struct ls_program *program, struct ls_diag *diag);
+    enum ls_err (*arm)(void *priv, struct ls_diag *diag);
+    enum ls_err (*grant)(void *priv, uint32_t n_steps, struct ls_diag *diag);
+    enum ls_err (*poll)(void *priv, struct ls_lights_status *status, struct ls_step_event *events,
+                        size_t max_events, size_t *n_events, struct ls_diag *diag);
+    enum ls_err (*blank)(void *priv, struct ls_diag *diag);
+    void (*close)(void *priv);
+};
+
+/**
+ * Connect and identify. Errors: LS_ERR_NOT_FOUND (no such driver), LS_ERR_GONE (nobody there),
+ * LS_ERR_TIMEOUT, LS_ERR_UNSUPPORTED (other contract version or not a dome at all).
+ * @out: (transfer full), released by ls_lights_close.
+ */
+LS_MUST_CHECK enum ls_err ls_lights_open(const struct ls_lights_config *config,
+                                         struct ls_lights **out, struct ls_diag *diag);
+
+/** What the controller said at open. (transfer none). RT-safe. */
+const struct ls_lights_info *ls_lights_info(const struct ls_lights *lights);
+
+/**
+ * Would the controller accept this program? Pure: talks to nobody. Names the limit and by how much
+ * it is exceeded. Errors: LS_ERR_INVALID, LS_ERR_LIMIT (duty, current, period, pulse, memory).
+ */
+LS_MUST_CHECK enum ls_err ls_lights_test(const struct ls_lights_info *info,
+                                         const struct ls_program *program, struct ls_diag *diag);
+
+/** test, upload, read the CRC back, commit. LEDs stay dark. Errors as test, plus LS_ERR_MISMATCH
+ * (CRC), LS_ERR_REFUSED (controller's own check), LS_ERR_TIMEOUT, LS_ERR_GONE. May take seconds:
+ * returns once the controller reports ready. */
+LS_MUST_CHECK enum ls_err ls_lights_load(struct ls_lights *lights,
+                                         const struct ls_program *program, struct ls_diag *diag);
+
+/** Reset step counter and event queue; nothing fires until granted. */
+LS_MUST_CHECK enum ls_err ls_lights_arm(struct ls_lights *lights, struct ls_diag *diag);
+
+/** Allow steps [0, n_steps) since arm. Never decreases. Also releases a held step. Allocates
+ * nothing after arm. */
+LS_MUST_CHECK enum ls_err ls_lights_grant(struct ls_lights *lights, uint32_t n_steps,
+                                          struct ls_diag *diag);
+
+/** Read status and the step events since the last poll, oldest first; also the heartbeat.
+ * Allocates nothing. A latched fault is not an error of poll: it is in the status. */
+LS_MUST_CHECK enum ls_err ls_lights_poll(struct ls_lights *lights, struct ls_lights_status *status,
+                                         struct ls_step_event *events, size_t max_events,
+                                         size_t *n_events, struct ls_diag *diag);
+
+/** All LEDs off, program stopped. Always allowed, idempotent. */
+LS_MUST_CHECK enum ls_err ls_lights_blank(struct ls_lights *lights, struct ls_diag *diag);
+
+/** Blank if still connected, disconnect, free. NULL is allowed. */
+void ls_lights_close(struct ls_lights *lights);
+
+#endif

@@ -1,0 +1,58 @@
+/*
+ * stage: the seam between the three simulated devices of one process: the dome controller fires,
+ * the stage knows what the LEDs show, the cameras expose.
+ * Layer: sim. Threads: stated per function. Ownership: the stage owns pictures.
+ *
+ * Simulated time is host CLOCK_MONOTONIC_RAW in ns ("true time"); every device reads it through
+ * a clock of its own (sim_clock), with its own epoch and drift.
+ */
+#ifndef LS_SIM_STAGE_H
+#define LS_SIM_STAGE_H
+
+#include "core/error.h"
+#include "drivers/lights_wire.h"
+
+#include <stdint.h>
+
+/** A device clock: ticks = epoch + (true - start) * (1 + drift_ppm * 1e-6) * hz / 1e9. */
+struct sim_clock {
+    uint64_t start_ns; /* true time at which it showed epoch_ticks */
+    uint64_t epoch_ticks;
+    double hz;
+    double drift_ppm;
+};
+
+uint64_t sim_now_ns(void);
+uint64_t sim_clock_at(const struct sim_clock *clock, uint64_t true_ns);
+
+/** One LED as driven: the duty is already quantised to the hardware's PWM levels. */
+struct sim_led {
+    uint16_t light, channel;
+    float duty; /* [0, 1] */
+};
+
+/** What the LEDs do in one condition, decoded from the controller's program. */
+struct sim_condition {
+    uint16_t kind; /* LS_WIRE_CONDITION_* */
+    uint32_t n_leds;
+    struct sim_led *leds; /* SPHERE and SEGMENT are already expanded */
+};
+
+/** One exposure of one camera, as it truly happened. */
+struct sim_exposure {
+    uint64_t true_ns;      /* start */
+    double exposure_us;    /* as integrated: pulse + offset, or the ExposureTime register */
+    double lit_us;         /* how long of it the LEDs were on */
+    uint32_t condition;    /* index into the committed program; UINT32_MAX = dark */
+    uint32_t step;         /* controller step since arm; UINT32_MAX = not a step */
+    uint32_t camera;       /* index */
+    uint64_t sequence;     /* exposures of this camera since start: seeds the noise */
+};
+
+/** Geometry of the raw image a camera wants. */
+struct sim_raw_format {
+    uint32_t width, height, offset_x, offset_y;
+    uint32_t pixel_format; /* GigE Vision PFNC code */
+};
+
+#endif
