@@ -1,0 +1,104 @@
+/*
+ * engine: the rig as one object: devices, at most one take at a time, the takes on disk.
+ * Layer: daemon. Threads: every call on ls-main; takes run on a thread of the engine's own and
+ * report through the callback, which is invoked on ls-main. Ownership: as stated per call; strings
+ * returned in structs live until the next call on the engine.
+ */
+#ifndef LS_DAEMON_ENGINE_H
+#define LS_DAEMON_ENGINE_H
+
+#include "core/error.h"
+#include "daemon/capture.h"
+#include "daemon/config.h"
+
+#include <stdbool.h>
+#include <stdint.h>
+
+struct ls_engine;
+
+enum ls_take_state {
+    LS_TAKE_NONE,
+    LS_TAKE_PREPARING, /* preflight, upload, the controller getting ready */
+    LS_TAKE_RUNNING,
+    LS_TAKE_COMPLETE,
+    LS_TAKE_INCOMPLETE, /* ended with conditions missing after every repair */
+    LS_TAKE_ABORTED,
+    LS_TAKE_FAILED,
+};
+
+/** Where the current (or last) take stands. */
+struct ls_take_status {
+    enum ls_take_state state;
+    char id[128];       /* folder name, "" before it exists */
+    char token[64];     /* of the client that started it */
+    struct ls_capture_progress progress;
+    struct ls_capture_report report; /* once ended */
+    char message[512];  /* why it failed, what was repaired or is missing */
+};
+
+struct ls_engine_status {
+    bool lights_connected;
+    char lights_serial[32];
+    struct ls_lights_status lights;
+    uint32_t n_cameras;
+    struct { bool connected; char model[64], serial[64], unverified[512]; bool packet_socket; }
+        cameras[LS_MAX_CAMERAS];
+    char privileges[256]; /* missing ones and what they would help, or "" */
+    uint64_t disk_free_bytes;
+    char calibration[64]; /* "given", "none" */
+    struct ls_take_status take;
+};
+
+/** Preflight of a plan: what it will cost. */
+struct ls_preflight {
+    uint32_t conditions, steps, shots;
+    double seconds;
+    uint64_t bytes, disk_free_bytes;
+    double dark_noise_share; /* part of a relit picture's noise that comes from the K darks */
+    char warnings[1024];     /* newline-separated, "" = none */
+};
+
+/** Called on ls-main when a take's status changed and every 100 ms while it runs. */
+typedef void ls_take_callback(void *user, const struct ls_take_status *status);
+
+/** Connects to nothing yet: devices are opened at the first call that needs them. */
+LS_MUST_CHECK enum ls_err ls_engine_create(const struct ls_config *config,
+                                           ls_take_callback *callback, void *user,
+                                           struct ls_engine **out, struct ls_diag *diag);
+
+/** Ends a running take (LEDs dark, what is stored stays) and frees. NULL is allowed. */
+void ls_engine_destroy(struct ls_engine *engine);
+
+/** Probes devices that are not connected unless a take is running. */
+void ls_engine_status(struct ls_engine *engine, struct ls_engine_status *out);
+
+/** Errors: LS_ERR_INVALID, LS_ERR_LIMIT, LS_ERR_REFUSED (flashing), LS_ERR_FULL, LS_ERR_GONE. */
+LS_MUST_CHECK enum ls_err ls_engine_preflight(struct ls_engine *engine, const char *plan_text,
+                                              struct ls_preflight *out, struct ls_diag *diag);
+
+/**
+ * Start a take. @token names this request: the same token again returns LS_OK without starting
+ * anything (`*already` set), so a retry after a lost connection does not fire twice.
+ * Errors: LS_ERR_BUSY (another take runs), those of preflight.
+ */
+LS_MUST_CHECK enum ls_err ls_engine_start(struct ls_engine *engine, const char *name,
+                                          const char *plan_text, const char *token, bool *already,
+                                          struct ls_diag *diag);
+
+/** Shoot what a take on disk is missing. Errors as start, LS_ERR_NOT_FOUND, LS_ERR_STATE
+ * (complete already), LS_ERR_MISMATCH (the rig has changed since). */
+LS_MUST_CHECK enum ls_err ls_engine_resume(struct ls_engine *engine, const char *take_id,
+                                           const char *token, struct ls_diag *diag);
+
+/** Abort the running take. LS_ERR_STATE if none runs. Returns at once; the end is reported. */
+LS_MUST_CHECK enum ls_err ls_engine_abort(struct ls_engine *engine, struct ls_diag *diag);
+
+/** All LEDs off, now; aborts a running take. */
+LS_MUST_CHECK enum ls_err ls_engine_blank(struct ls_engine *engine, struct ls_diag *diag);
+
+const struct ls_config *ls_engine_config(const struct ls_engine *engine);
+
+/** The calibration file's text embedded into takes, or NULL. (transfer none). */
+const char *ls_engine_calibration_json(const struct ls_engine *engine);
+
+#endif

@@ -1,0 +1,66 @@
+/*
+ * plan: the ordered shots of a take, made from a small text file.
+ * Layer: daemon. Threads: made on ls-main or a take's own thread, read-only afterwards.
+ * Ownership: the plan owns its arrays.
+ *
+ * A *step* is one trigger pulse: one condition at one exposure, photographed by every camera. A
+ * *shot* is one camera's picture of a step: shot id = step * n_cameras + camera. Darks come first,
+ * because merging is online; then conditions in order, each with its whole bracket.
+ */
+#ifndef LS_DAEMON_PLAN_H
+#define LS_DAEMON_PLAN_H
+
+#include "core/error.h"
+#include "daemon/config.h"
+#include "drivers/lights.h"
+
+#include <stdbool.h>
+#include <stdint.h>
+
+enum { LS_MAX_EXPOSURES = 8 };
+
+enum ls_subject { LS_SUBJECT_STILL, LS_SUBJECT_LIVE };
+
+/** A condition of the plan: what the LEDs do, and what it is called on disk. */
+struct ls_plan_condition {
+    char id[32];                /* "dark-0", "W-0137", "sphere-R"; the file name's stem */
+    struct ls_condition lights; /* leds point into the plan */
+    bool dark;                  /* a dark of exposure `exposure`, mean of `repeats` frames */
+    uint8_t exposure;           /* dark only */
+    uint16_t repeats;           /* frames per exposure: 1, or K for darks */
+    int32_t light;              /* of ONE, else -1 */
+    int32_t channel;            /* of ONE, SPHERE and SEGMENT, else -1 */
+    uint32_t first_step, n_steps;
+};
+
+struct ls_plan_step {
+    uint32_t condition;
+    uint16_t repeat;
+    uint8_t exposure;
+};
+
+struct ls_plan {
+    char name[65];
+    enum ls_subject subject;
+    bool allow_flashing, keep_raw;
+    uint32_t period_us;          /* pulse start to pulse start, at least */
+    uint32_t settle_us;
+    uint32_t n_exposures;        /* shortest first */
+    uint32_t pulse_us[LS_MAX_EXPOSURES];
+    uint32_t n_conditions, n_steps;
+    struct ls_plan_condition *conditions;
+    struct ls_plan_step *steps;
+    struct ls_led *leds;         /* storage of the conditions' leds */
+};
+
+/**
+ * Parse a plan (libconfig text, keys in daemon/README.md; `subject` is mandatory) against the rig.
+ * Errors: LS_ERR_INVALID with line and what was expected; LS_ERR_LIMIT. (transfer full).
+ */
+LS_MUST_CHECK enum ls_err ls_plan_parse(const char *text, const struct ls_config *config,
+                                        struct ls_plan **out, struct ls_diag *diag);
+
+/** NULL is allowed. */
+void ls_plan_destroy(struct ls_plan *plan);
+
+#endif
