@@ -5,8 +5,22 @@
  *
  * A controller holds *conditions* (what the LEDs do) and *steps* (which condition, how long the
  * pulse, how much dark before it) and fires steps by its own clock, one trigger pulse each, as far
- * as it has been granted. The host only grants credit and reads step events. All ops block for at
- * most the configured timeout of the link.
+ * as it has been granted. The host only grants credit and reads step events.
+ *
+ * Time. Step i starts no earlier than s(i) = s(i-1) + max(period, pulse(i-1) + settle(i)), s(0)
+ * one settle after arm, and no earlier than its grant. Duty is judged along this shortest
+ * schedule: for every step j, no LED may gather more than max_duty_permille x 1 ms of on-time
+ * (pulse x level / 65535) over the steps that start within (s(j) - 1 s, s(j)].
+ *
+ * Hold. A held step lights at its start and counts as fired, status.holding is set, and it stays
+ * lit until the next grant (of the same number, too, so that the last step can be released) or
+ * max_hold_us, and at least for its pulse. Its event comes with the release and carries the real
+ * width. The controller follows it with as much dark as the duty limit asks of that width.
+ *
+ * A lost link. grant and poll reconnect once, check that it is the same controller, since the same
+ * power-up and arm, and repeat the request, which does no harm: so they block for at most five
+ * timeouts of the link. Everything else fails and leaves it to the caller. What was fired in the
+ * meantime is not lost: events wait in the controller until they have been read.
  */
 #ifndef LS_DRIVERS_LIGHTS_H
 #define LS_DRIVERS_LIGHTS_H
@@ -79,7 +93,7 @@ struct ls_lights_info {
 };
 
 enum ls_event_flags {
-    LS_EVENT_LATE = 1 << 0,    /* fired later than its period asked for */
+    LS_EVENT_LATE = 1 << 0,    /* fired later than s(i): credit or the controller was late */
     LS_EVENT_CLIPPED = 1 << 1, /* pulse or level clipped by a hardware limit */
 };
 
@@ -96,7 +110,7 @@ enum ls_lights_state {
     LS_LIGHTS_LOADED,
     LS_LIGHTS_ARMED,
     LS_LIGHTS_DONE,  /* every step fired */
-    LS_LIGHTS_FAULT, /* blanked and latched; see faults */
+    LS_LIGHTS_FAULT, /* blanked and latched; see faults. The next load clears what can be cleared */
 };
 
 enum ls_lights_fault {
@@ -112,7 +126,8 @@ enum ls_lights_fault {
 struct ls_lights_status {
     enum ls_lights_state state;
     uint32_t faults; /* enum ls_lights_fault */
-    uint32_t fired;  /* steps fired since arm */
+    bool holding;    /* step fired - 1 is lit and held */
+    uint32_t fired;  /* steps started since arm */
     uint32_t granted;
     uint32_t missed_triggers; /* pulses requested earlier than the period allows */
     uint32_t events_lost;     /* overwritten before they were read: a protocol failure */
@@ -164,22 +179,28 @@ const struct ls_lights_info *ls_lights_info(const struct ls_lights *lights);
 LS_MUST_CHECK enum ls_err ls_lights_test(const struct ls_lights_info *info,
                                          const struct ls_program *program, struct ls_diag *diag);
 
-/** test, upload, read the CRC back, commit. LEDs stay dark. Errors as test, plus LS_ERR_MISMATCH
- * (CRC), LS_ERR_REFUSED (controller's own check), LS_ERR_TIMEOUT, LS_ERR_GONE. May take seconds:
- * returns once the controller reports ready. */
+/** test, clear latched faults, upload, read the CRC back, commit. LEDs stay dark. Errors as test,
+ * plus LS_ERR_MISMATCH (CRC), LS_ERR_REFUSED (controller's own check, or a fault whose cause
+ * persists), LS_ERR_STATE (armed: blank first), LS_ERR_TIMEOUT, LS_ERR_GONE. May take minutes:
+ * returns once the controller reports ready, and gives up when its progress has stood still for
+ * two minutes. */
 LS_MUST_CHECK enum ls_err ls_lights_load(struct ls_lights *lights,
                                          const struct ls_program *program, struct ls_diag *diag);
 
-/** Reset step counter and event queue; nothing fires until granted. */
+/** Reset step counter and event queue; nothing fires until granted. LS_ERR_STATE if nothing is
+ * loaded, LS_ERR_REFUSED if a fault is latched. */
 LS_MUST_CHECK enum ls_err ls_lights_arm(struct ls_lights *lights, struct ls_diag *diag);
 
 /** Allow steps [0, n_steps) since arm. Never decreases. Also releases a held step. Allocates
- * nothing after arm. */
+ * nothing of ours. LS_ERR_REFUSED if not armed any more, LS_ERR_MISMATCH if the controller was
+ * restarted or armed by somebody else, LS_ERR_TIMEOUT, LS_ERR_GONE. */
 LS_MUST_CHECK enum ls_err ls_lights_grant(struct ls_lights *lights, uint32_t n_steps,
                                           struct ls_diag *diag);
 
 /** Read status and the step events since the last poll, oldest first; also the heartbeat.
- * Allocates nothing. A latched fault is not an error of poll: it is in the status. */
+ * Reads at most 9 events per round trip, as many round trips as @max_events asks for. Allocates
+ * nothing of ours. A latched fault is not an error of poll: it is in the status. Errors:
+ * LS_ERR_TIMEOUT, LS_ERR_GONE, LS_ERR_MISMATCH (restarted, or armed by somebody else). */
 LS_MUST_CHECK enum ls_err ls_lights_poll(struct ls_lights *lights, struct ls_lights_status *status,
                                          struct ls_step_event *events, size_t max_events,
                                          size_t *n_events, struct ls_diag *diag);

@@ -22,8 +22,14 @@ struct sim_clock {
     double drift_ppm;
 };
 
+/** CLOCK_MONOTONIC_RAW. Any thread. */
 uint64_t sim_now_ns(void);
+
+/** What the clock shows at @true_ns. Any thread, as long as nobody writes the clock. */
 uint64_t sim_clock_at(const struct sim_clock *clock, uint64_t true_ns);
+
+/** The first true time at which the clock shows @ticks: the inverse of sim_clock_at. */
+uint64_t sim_clock_true(const struct sim_clock *clock, uint64_t ticks);
 
 /** One LED as driven: the duty is already quantised to the hardware's PWM levels. */
 struct sim_led {
