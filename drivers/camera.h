@@ -1,9 +1,13 @@
 /*
  * camera: the interface to a machine-vision camera that is hardware- or software-triggered.
  * Layer: drivers (may include core). Threads: open/apply/start/stop/close on one normal thread;
- * next and release on the camera's own thread while started; trigger and latch on the sequencer's.
+ * next on the camera's own thread while started; release and wake on any thread; trigger,
+ * set_exposure and latch on one thread at a time (the sequencer's while started).
  * Ownership: the caller owns the slots frames land in; between start and stop a slot belongs to
  * the driver until `next` hands it out, then to the caller until `release`.
+ *
+ * Shutting down: `ls_camera_wake`, join the thread that calls `next`, `ls_camera_stop`. A stop
+ * that finds a `next` inside wakes it and waits for it to leave.
  */
 #ifndef LS_DRIVERS_CAMERA_H
 #define LS_DRIVERS_CAMERA_H
@@ -31,7 +35,8 @@ struct ls_camera_config {
     const char *pixel_format;                   /* GenICam name, e.g. "BayerRG12" */
     uint32_t packet_size;                       /* bytes, e.g. 9000 */
     uint32_t frame_retention_us;                /* above exposure + readout + margin */
-    double gain;
+    double gain;        /* dB, or whatever unit the camera's Gain has */
+    double black_level; /* 0 = leave the camera's own, which must then be above 0 */
     bool chunks;
     enum ls_camera_trigger trigger;
     enum ls_camera_exposure exposure;
@@ -48,6 +53,11 @@ struct ls_camera_info {
     uint64_t tick_hz;       /* of its timestamps; 0 = has none */
     bool has_chunks, has_trigger_counter, has_chunk_exposure, has_latch, has_trigger_width;
     bool packet_socket; /* receive path in use: packet socket, else UDP */
+    uint32_t receive_buffer_bytes; /* UDP only: what the kernel grants of the 32 MiB it should be;
+                                      with less, frames are lost. 0 with a packet socket */
+    bool realtime;        /* the receive thread runs at rt_priority; known after start */
+    double exposure_us;   /* Timed: as read back */
+    double gain, black_level; /* as read back; 0 if it has none */
     char unverified[512]; /* settings it cannot set or prove, comma-separated; "" = none */
 };
 
@@ -62,9 +72,10 @@ struct ls_camera_frame {
     enum ls_frame_status status;
     uint32_t payload_bytes;    /* image bytes, without chunks */
     uint64_t frame_id;         /* extended past 16 bits by the driver, 0 never */
-    uint64_t camera_ns;        /* start of exposure, camera clock */
+    uint64_t camera_ns;        /* start of exposure, camera clock; 0 if info.tick_hz is 0 */
     uint64_t host_ns;          /* arrival, CLOCK_MONOTONIC_RAW */
-    uint32_t trigger_counter;  /* chunk; valid if info.has_trigger_counter */
+    uint32_t trigger_counter;  /* chunk: edges seen on the line, those it had to ignore included;
+                                  valid if info.has_trigger_counter */
     double chunk_exposure_us;  /* chunk; valid if info.has_chunk_exposure; else 0 */
 };
 
@@ -81,6 +92,19 @@ struct ls_camera_stats {
 
 struct ls_camera;
 
+enum ls_camera_verb {
+    LS_CAMERA_TRIGGER,  /* fire TriggerSoftware */
+    LS_CAMERA_EXPOSURE, /* in: exposure_us to write; out: as read back */
+    LS_CAMERA_LATCH,    /* out: camera_ns, host_before_ns, host_after_ns */
+    LS_CAMERA_WAKE,     /* any thread, never blocks: see ls_camera_wake */
+};
+
+struct ls_camera_control {
+    enum ls_camera_verb verb;
+    double exposure_us;
+    uint64_t camera_ns, host_before_ns, host_after_ns;
+};
+
 /** A driver; every member is required. The wrapper validates, the driver trusts. */
 struct ls_camera_ops {
     const char *name;
@@ -88,16 +112,18 @@ struct ls_camera_ops {
                         struct ls_camera_info *info, struct ls_diag *diag);
     enum ls_err (*apply)(void *priv, const struct ls_camera_config *config,
                          struct ls_camera_info *info, struct ls_diag *diag);
-    enum ls_err (*start)(void *priv, const struct ls_camera_slots *slots, struct ls_diag *diag);
+    enum ls_err (*start)(void *priv, const struct ls_camera_slots *slots,
+                         struct ls_camera_info *info, struct ls_diag *diag);
     enum ls_err (*next)(void *priv, uint64_t timeout_us, struct ls_camera_frame *frame);
     void (*release)(void *priv, uint32_t slot);
-    enum ls_err (*control)(void *priv, int verb, double *value, struct ls_diag *diag);
+    enum ls_err (*control)(void *priv, struct ls_camera_control *control, struct ls_diag *diag);
     void (*stop)(void *priv, struct ls_camera_stats *stats);
     void (*close)(void *priv);
 };
 
-/** Connect and read identity. Errors: LS_ERR_NOT_FOUND (driver), LS_ERR_GONE (no camera at the
- * address), LS_ERR_BUSY (controlled by somebody else). @out: (transfer full). */
+/** Connect and read identity. Blocks for at most a few seconds. Errors: LS_ERR_INVALID (address
+ * is no IPv4 address), LS_ERR_NOT_FOUND (driver), LS_ERR_GONE (no camera at the address),
+ * LS_ERR_BUSY (controlled by somebody else). @out: (transfer full). */
 LS_MUST_CHECK enum ls_err ls_camera_open(const struct ls_camera_config *config,
                                          struct ls_camera **out, struct ls_diag *diag);
 
@@ -109,21 +135,27 @@ LS_MUST_CHECK enum ls_err ls_camera_apply(struct ls_camera *camera,
                                           const struct ls_camera_config *config,
                                           struct ls_diag *diag);
 
-/** (transfer none); changes at apply only. RT-safe. */
+/** (transfer none); changes at apply and start only. RT-safe. */
 const struct ls_camera_info *ls_camera_info(const struct ls_camera *camera);
 
-/** Start acquisition into the caller's slots (all handed to the driver). */
+/** Start acquisition into the caller's slots (all handed to the driver; at least 4, 16 in real
+ * use). Frame ids, and the extension past 16 bits, start anew. */
 LS_MUST_CHECK enum ls_err ls_camera_start(struct ls_camera *camera,
                                           const struct ls_camera_slots *slots,
                                           struct ls_diag *diag);
 
-/** Wait up to @timeout_us for a frame. Errors: LS_ERR_TIMEOUT, LS_ERR_GONE (control lost),
- * LS_ERR_ABORTED (ls_camera_wake). Allocates nothing, takes no lock of ours. */
+/** Wait up to @timeout_us for a frame; 0 = only look. Errors: LS_ERR_TIMEOUT, LS_ERR_GONE
+ * (control lost; frames already here come out first), LS_ERR_ABORTED (ls_camera_wake or
+ * ls_camera_stop), LS_ERR_STATE (not started). Allocates nothing, takes no lock of ours. */
 LS_MUST_CHECK enum ls_err ls_camera_next(struct ls_camera *camera, uint64_t timeout_us,
                                          struct ls_camera_frame *frame);
 
 /** Hand a slot back to the driver. Any thread. */
 void ls_camera_release(struct ls_camera *camera, uint32_t slot);
+
+/** Make this and every later `next` return LS_ERR_ABORTED, until the next start. Any thread.
+ * RT-safe. */
+void ls_camera_wake(struct ls_camera *camera);
 
 /** Software trigger. LS_ERR_STATE if configured for the line. */
 LS_MUST_CHECK enum ls_err ls_camera_trigger(struct ls_camera *camera, struct ls_diag *diag);

@@ -59,6 +59,7 @@ struct sim_exposure {
 struct sim_raw_format {
     uint32_t width, height, offset_x, offset_y;
     uint32_t pixel_format; /* GigE Vision PFNC code */
+    double gain_db;        /* analogue gain as set on the camera; 0 = unity */
 };
 
 #endif
