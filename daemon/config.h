@@ -39,6 +39,7 @@ struct ls_config_camera {
     double black_dn;             /* nominal; darks measure it */
     double electrons_per_dn, read_noise_dn;
     double exposure_offset_us;   /* added by the sensor to a TriggerWidth pulse */
+    double max_fps;              /* triggers closer than 1 / max_fps are missed */
     bool black_check;            /* refuse a clipped black level */
 };
 

@@ -1,0 +1,287 @@
+#include "daemon/config.h"
+
+#include "core/positions.h"
+#include "daemon/conf_read.h"
+#include "daemon/file.h"
+
+#include <libgen.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <unistd.h>
+
+enum { POSITIONS_MAX_BYTES = 4 << 20 };
+
+static const char *const channel_kinds[] = { "spectrum", "polariser", NULL };
+static const char *const trigger_words[] = { "line", "software", NULL };
+static const char *const exposure_words[] = { "width", "timed", NULL };
+
+/* A path in a configuration file is relative to that file. Takes @path (transfer full). */
+static char *beside(const char *file, char *path)
+{
+    if (!path || path[0] == '/')
+        return path;
+    LS_CLEANUP_FREE char *copy = strdup(file);
+    char *joined = NULL;
+    if (copy && asprintf(&joined, "%s/%s", dirname(copy), path) < 0)
+        joined = NULL;
+    free(path);
+    return joined;
+}
+
+static void read_channel(struct ls_conf *list, const config_setting_t *group,
+                         struct ls_config_channel *out)
+{
+    struct ls_conf c;
+    ls_conf_begin(&c, group, list->file, list->diag);
+    out->name = ls_conf_need_string(&c, "name");
+    out->polariser = ls_conf_word(&c, "kind", channel_kinds, 0) == 1;
+    out->spectrum = beside(list->file, ls_conf_string(&c, "spectrum", NULL));
+    if (out->name && (!*out->name || strlen(out->name) > 8 || strspn(out->name,
+                      "ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789") !=
+                      strlen(out->name)))
+        ls_conf_error(&c, "name", "\"%s\": expected 1 to 8 letters or digits", out->name);
+    list->err = list->err ? list->err : ls_conf_finish(&c);
+}
+
+static void read_channels(struct ls_conf *rig, struct ls_config *config)
+{
+    const config_setting_t *list = ls_conf_child(rig, "channels", CONFIG_TYPE_LIST, true);
+    int n = list ? config_setting_length(list) : 0;
+    if (list && (n < 1 || n > LS_MAX_CHANNELS)) {
+        ls_conf_error(rig, "channels", "%d channels: expected 1 to %d", n, LS_MAX_CHANNELS);
+        return;
+    }
+    for (int i = 0; i < n && !rig->err; i++) {
+        config->n_channels = (uint32_t)i + 1;
+        read_channel(rig, config_setting_get_elem(list, (unsigned)i), &config->channels[i]);
+        for (int j = 0; j < i && !rig->err; j++)
+            if (!strcmp(config->channels[i].name, config->channels[j].name))
+                ls_conf_error(rig, "channels", "name \"%s\" appears twice",
+                              config->channels[i].name);
+    }
+}
+
+static void to_floats(const double *in, float *out, unsigned n)
+{
+    for (unsigned i = 0; i < n; i++)
+        out[i] = (float)in[i];
+}
+
+static void read_camera_driver(struct ls_conf *c, struct ls_camera_config *d)
+{
+    d->driver = ls_conf_string(c, "driver", "aravis");
+    d->address = ls_conf_need_string(c, "address");
+    d->width = (uint32_t)ls_conf_int(c, "width", 0, 0, 65535);
+    d->height = (uint32_t)ls_conf_int(c, "height", 0, 0, 65535);
+    d->offset_x = (uint32_t)ls_conf_int(c, "offset_x", 0, 0, 65535);
+    d->offset_y = (uint32_t)ls_conf_int(c, "offset_y", 0, 0, 65535);
+    d->pixel_format = ls_conf_need_string(c, "pixel_format");
+    d->packet_size = (uint32_t)ls_conf_int(c, "packet_size", 9000, 576, 65000);
+    d->frame_retention_us =
+        (uint32_t)ls_conf_int(c, "frame_retention_us", 200000, 1000, 10000000);
+    d->gain = ls_conf_number(c, "gain", 0, 0, 1000);
+    d->chunks = ls_conf_bool(c, "chunks", true);
+    d->trigger = ls_conf_word(c, "trigger", trigger_words, 0) ? LS_TRIGGER_SOFTWARE
+                                                              : LS_TRIGGER_LINE;
+    d->exposure = ls_conf_word(c, "exposure", exposure_words,
+                               d->trigger == LS_TRIGGER_SOFTWARE ? 1 : 0)
+                      ? LS_EXPOSURE_TIMED
+                      : LS_EXPOSURE_WIDTH;
+    d->rt_priority = (int)ls_conf_int(c, "rt_priority", 20, 0, 98);
+    if (d->trigger == LS_TRIGGER_SOFTWARE && d->exposure == LS_EXPOSURE_WIDTH)
+        ls_conf_error(c, "exposure", "\"width\" needs trigger = \"line\": a software trigger has "
+                                     "no width; use exposure = \"timed\"");
+}
+
+static void read_camera(struct ls_conf *list, const config_setting_t *group,
+                        struct ls_config_camera *out)
+{
+    struct ls_conf c;
+    ls_conf_begin(&c, group, list->file, list->diag);
+    double v[3];
+    out->name = ls_conf_string(&c, "name", "camera");
+    read_camera_driver(&c, &out->driver);
+    if (ls_conf_numbers(&c, "position_m", v, 3, true))
+        to_floats(v, out->position_m, 3);
+    if (ls_conf_numbers(&c, "look_at_m", v, 3, true))
+        to_floats(v, out->look_at_m, 3);
+    out->focal_length_mm = (float)ls_conf_need_number(&c, "focal_length_mm", 1, 2000);
+    if (ls_conf_numbers(&c, "sensor_mm", v, 2, true)) {
+        out->sensor_width_mm = (float)v[0];
+        out->sensor_height_mm = (float)v[1];
+    }
+    if (ls_conf_numbers(&c, "range", v, 2, true)) {
+        out->range_low = (float)v[0];
+        out->range_high = (float)v[1];
+        if (!(v[0] >= 0 && v[0] < v[1] && v[1] <= 1))
+            ls_conf_error(&c, "range", "[%g, %g]: expected 0 <= low < high <= 1", v[0], v[1]);
+    }
+    out->black_dn = ls_conf_need_number(&c, "black_dn", 0, 65535);
+    out->full_scale_dn = ls_conf_need_number(&c, "full_scale_dn", 1, 65535);
+    out->electrons_per_dn = ls_conf_number(&c, "electrons_per_dn", 1, 1e-6, 1e6);
+    out->read_noise_dn = ls_conf_number(&c, "read_noise_dn", 1, 0, 65535);
+    out->exposure_offset_us = ls_conf_number(&c, "exposure_offset_us", 0, -1000, 1000);
+    out->max_fps = ls_conf_need_number(&c, "max_fps", 0.01, 100000);
+    out->black_check = ls_conf_bool(&c, "black_check", true);
+    list->err = list->err ? list->err : ls_conf_finish(&c);
+}
+
+static void read_cameras(struct ls_conf *rig, struct ls_config *config)
+{
+    const config_setting_t *list = ls_conf_child(rig, "cameras", CONFIG_TYPE_LIST, true);
+    int n = list ? config_setting_length(list) : 0;
+    if (list && (n < 1 || n > LS_MAX_CAMERAS)) {
+        ls_conf_error(rig, "cameras", "%d cameras: expected 1 to %d", n, LS_MAX_CAMERAS);
+        return;
+    }
+    for (int i = 0; i < n && !rig->err; i++) {
+        config->n_cameras = (uint32_t)i + 1;
+        read_camera(rig, config_setting_get_elem(list, (unsigned)i), &config->cameras[i]);
+    }
+}
+
+static void read_lights(struct ls_conf *rig, struct ls_config *config)
+{
+    struct ls_conf c;
+    const config_setting_t *group = ls_conf_child(rig, "lights", CONFIG_TYPE_GROUP, true);
+    if (rig->err)
+        return;
+    ls_conf_begin(&c, group, rig->file, rig->diag);
+    LS_CLEANUP_FREE char *path = beside(rig->file, ls_conf_need_string(&c, "positions"));
+    LS_CLEANUP_FREE char *axes = ls_conf_string(&c, "axes", "right,up,towards");
+    LS_CLEANUP_FREE char *unit = ls_conf_string(&c, "unit", "m");
+    struct ls_positions positions = { 0 };
+    LS_CLEANUP_FREE char *text = NULL;
+    size_t length = 0;
+    if (!c.err)
+        c.err = ls_file_read(path, POSITIONS_MAX_BYTES, &text, &length, c.diag);
+    if (!c.err)
+        c.err = ls_positions_parse(text, length, path, axes, unit, LS_MAX_LIGHTS, &positions,
+                                   c.diag);
+    rig->err = ls_conf_finish(&c);
+    if (!rig->err)
+        config->lights = calloc(positions.n, sizeof *config->lights);
+    for (uint32_t i = 0; config->lights && i < positions.n; i++) {
+        memcpy(config->lights[i].position_m, positions.xyz_m[i], sizeof positions.xyz_m[i]);
+        config->lights[i].address = positions.address[i];
+    }
+    config->n_lights = config->lights ? positions.n : 0;
+    ls_positions_finish(&positions);
+}
+
+static void read_rig(struct ls_config *config, const char *path, struct ls_conf *daemon)
+{
+    config_t tree;
+    struct ls_conf rig;
+    config_init(&tree);
+    if (!config_read_file(&tree, path)) {
+        daemon->err = config_error_line(&tree)
+                          ? ls_fail(daemon->diag, LS_ERR_INVALID, "%s:%d: %s", path,
+                                    config_error_line(&tree), config_error_text(&tree))
+                          : ls_fail(daemon->diag, LS_ERR_NOT_FOUND,
+                                    "%s: cannot read the rig file named by key rig in %s", path,
+                                    daemon->file);
+        config_destroy(&tree);
+        return;
+    }
+    ls_conf_begin(&rig, config_root_setting(&tree), path, daemon->diag);
+    config->rig_name = ls_conf_string(&rig, "name", "rig");
+    read_lights(&rig, config);
+    read_channels(&rig, config);
+    read_cameras(&rig, config);
+    daemon->err = ls_conf_finish(&rig);
+    config_destroy(&tree);
+}
+
+static void read_controller(struct ls_conf *daemon, struct ls_lights_config *out)
+{
+    struct ls_conf c;
+    const config_setting_t *group = ls_conf_child(daemon, "controller", CONFIG_TYPE_GROUP, true);
+    if (daemon->err)
+        return;
+    ls_conf_begin(&c, group, daemon->file, daemon->diag);
+    out->driver = ls_conf_string(&c, "driver", "modbus");
+    out->address = ls_conf_need_string(&c, "address");
+    out->port = (unsigned)ls_conf_int(&c, "port", 502, 1, 65535);
+    out->unit = (unsigned)ls_conf_int(&c, "unit", 1, 0, 255);
+    out->timeout_ms = (unsigned)ls_conf_int(&c, "timeout_ms", 500, 10, 60000);
+    daemon->err = ls_conf_finish(&c);
+}
+
+static void read_daemon(struct ls_conf *c, struct ls_config *config, const char *path)
+{
+    long cpus = sysconf(_SC_NPROCESSORS_ONLN);
+    config->storage = beside(path, ls_conf_need_string(c, "storage"));
+    config->socket_path = beside(path, ls_conf_need_string(c, "socket"));
+    config->calibration_path = beside(path, ls_conf_string(c, "calibration", NULL));
+    config->merge_threads =
+        (uint32_t)ls_conf_int(c, "merge_threads", cpus < 1 ? 1 : cpus > 8 ? 8 : cpus, 1, 64);
+    config->ring_slots = (uint32_t)ls_conf_int(c, "ring_slots", 32, 16, 1024);
+    config->retries = (uint32_t)ls_conf_int(c, "retries", 3, 0, 100);
+    config->reserve_bytes = (uint64_t)ls_conf_int(c, "reserve_bytes", 64 << 20, 0, INT64_C(1) << 50);
+    read_controller(c, &config->lights_driver);
+    LS_CLEANUP_FREE char *rig = beside(path, ls_conf_need_string(c, "rig"));
+    if (!c->err)
+        read_rig(config, rig, c);
+}
+
+enum ls_err ls_config_load(const char *path, struct ls_config **out, struct ls_diag *diag)
+{
+    config_t tree;
+    struct ls_conf c;
+    struct ls_config *config = calloc(1, sizeof *config);
+    if (!config)
+        return ls_fail(diag, LS_ERR_NOMEM, "out of memory");
+    config_init(&tree);
+    enum ls_err err;
+    if (!config_read_file(&tree, path)) {
+        err = config_error_line(&tree)
+                  ? ls_fail(diag, LS_ERR_INVALID, "%s:%d: %s", path, config_error_line(&tree),
+                            config_error_text(&tree))
+                  : ls_fail(diag, LS_ERR_NOT_FOUND, "%s: cannot read the configuration file", path);
+    } else {
+        ls_conf_begin(&c, config_root_setting(&tree), path, diag);
+        read_daemon(&c, config, path);
+        err = ls_conf_finish(&c);
+    }
+    config_destroy(&tree);
+    if (err) {
+        ls_config_destroy(config);
+        return err;
+    }
+    *out = config;
+    return LS_OK;
+}
+
+void ls_config_destroy(struct ls_config *config)
+{
+    if (!config)
+        return;
+    for (uint32_t i = 0; i < config->n_channels; i++) {
+        free(config->channels[i].name);
+        free(config->channels[i].spectrum);
+    }
+    for (uint32_t i = 0; i < config->n_cameras; i++) {
+        free(config->cameras[i].name);
+        free((char *)config->cameras[i].driver.driver);
+        free((char *)config->cameras[i].driver.address);
+        free((char *)config->cameras[i].driver.pixel_format);
+    }
+    free((char *)config->lights_driver.driver);
+    free((char *)config->lights_driver.address);
+    free(config->lights);
+    free(config->rig_name);
+    free(config->storage);
+    free(config->socket_path);
+    free(config->calibration_path);
+    free(config);
+}
+
+int ls_config_channel(const struct ls_config *config, const char *name)
+{
+    for (uint32_t i = 0; i < config->n_channels; i++)
+        if (!strcmp(config->channels[i].name, name))
+            return (int)i;
+    return -1;
+}
