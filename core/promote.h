@@ -1,0 +1,67 @@
+/*
+ * promote: what a white field looks like under a spectrum that was photographed only once.
+ * Layer: core. Threads: any (no state). Ownership: all arrays are the caller's.
+ *
+ * LeGendre, Yu and Debevec, Eq. 1, with the denominator that was really photographed:
+ *     R(i,p,s,c) = R(i,p,0,c) F(p,s,c) / V(p,s,c)
+ *     F = picture of the full sphere of spectrum s / nominal duty x droop factor
+ *     V = sum_i g(i,s) R(i,p,0,c),  R(i,p,0,c) = k(i,0) E(i,p,c)
+ * F shows lights of unequal strength g(i,s), so V weights the white field with the same strengths.
+ * Both are in stored units (the scale of the field cancels) and demosaiced before the division.
+ *
+ * The stable ratio. Where V >= 10 sigma_V the ratio is F/V exactly. Below, F/V loses its mean
+ * (Fieller, Q. J. Pharm. Pharmacol. 17, 1944: the confidence interval of a quotient is bounded
+ * only while the denominator is several sigma from zero), so the estimate moves to the ratio of
+ * sums over a neighbourhood, sum F / sum V, the classical ratio estimator whose bias falls with
+ * the number of samples (Cochran, Sampling Techniques, 1977, ch. 6): windows of 5 x 5 and
+ * 17 x 17 pixels, and at last the constant p(s)/p(0) of a spectrally flat surface. Each level h
+ * trusts its own quotient by q = smoothstep((V_h/sigma_h - 4) / 6), 0 below 4 sigma, 1 from 10 on:
+ *     r_h = q F_h/V_h + (1 - q) r_(h+1)
+ * with a quotient that departs from the next level's by more than a factor 8 limited to it, where
+ * q < 1. The result is finite for any input: a sample of F or V that is not finite counts as not
+ * measured (V = 0). Negative V, negative F are honest noise and need nothing special.
+ */
+#ifndef LS_CORE_PROMOTE_H
+#define LS_CORE_PROMOTE_H
+
+#include "core/error.h"
+#include "core/field.h"
+
+#include <stddef.h>
+#include <stdint.h>
+
+enum { LS_RATIO_HALO_PX = 10 }; /* pixels around a ratio's own that it may depend on */
+
+enum ls_promote_reference {
+    LS_REFERENCE_WEIGHTED, /* V: the white field with the spectrum's strengths */
+    LS_REFERENCE_PAPER,    /* F(0): the photographed white sphere, as the paper has it */
+};
+
+/** Weight row of V for spectrum @s: row[i] = g(i,s) k(i,0). For ls_accumulate. row[n_lights]. */
+void ls_promote_denominator_row(const struct ls_field *field, uint32_t s, float *row);
+
+/** What a stored picture of the sphere of spectrum @s is multiplied by to be F: factor / duty. */
+double ls_promote_sphere_factor(const struct ls_field *field, uint32_t s);
+
+/**
+ * Noise of V from the field's model: sigma[j] = sqrt(read sum r^2 + dark (sum r)^2
+ * + shot max(r) max(V, 0)), r the weight row (PAPER: one photograph times f = factor/duty, r = f).
+ * Demosaicing changes a sample's noise by less than 2 and is not modelled. n values.
+ */
+void ls_promote_sigma(const struct ls_field *field, const float *row, size_t n_row, const float *v,
+                      size_t n, float *sigma);
+
+/**
+ * The stable ratio of one spectrum over a picture (or a part of it that carries
+ * LS_RATIO_HALO_PX of border, whose ratios are then not to be used). @f, @v, @sigma, @ratio:
+ * [height][width][channels], all demosaiced; f already in F's unit. @neutral: p(s,c)/p(0,c)
+ * [channels]. The result at a pixel depends only on the pixels within LS_RATIO_HALO_PX, in a fixed
+ * order: a crop with its border is bit-identical. Errors: LS_ERR_INVALID (neutral not finite and
+ * positive, sizes), LS_ERR_NOMEM.
+ */
+LS_MUST_CHECK enum ls_err ls_promote_ratio(const float *f, const float *v, const float *sigma,
+                                           uint32_t width, uint32_t height, uint32_t channels,
+                                           const double *neutral, float *ratio,
+                                           struct ls_diag *diag);
+
+#endif

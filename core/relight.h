@@ -1,0 +1,111 @@
+/*
+ * relight: weighted sums over all lights of a field in one pass, and pictures made from them.
+ * Layer: core. Threads: reentrant; a caller splits a picture by regions of tiles, and the result
+ * does not depend on the split. Ownership: all arrays are the caller's.
+ *
+ * out(p) = sum_s ratio(p,s) sum_i w(i,s) k(i,0) E(i,p): the spectra's sums, the denominators V and
+ * any number of environments are all rows of weights over the same pictures, so one pass over the
+ * field serves them all. Demosaic and ratio come after, once per sum.
+ */
+#ifndef LS_CORE_RELIGHT_H
+#define LS_CORE_RELIGHT_H
+
+#include "core/demosaic.h"
+#include "core/error.h"
+#include "core/field.h"
+
+#include <stddef.h>
+#include <stdint.h>
+
+enum { LS_ACCUMULATE_MAX_SUMS = 256 };
+
+/** What to sum. */
+struct ls_accumulate_job {
+    const struct ls_picture *pictures; /* [n_pictures]: a field's white, or its spheres */
+    uint32_t n_pictures;
+    uint32_t n_sums;
+    const float *weights;   /* [n_sums][n_pictures] */
+    const float *tile_max;  /* [tiles_y * tiles_x][n_pictures], max |value| of the tile; or NULL */
+    double max_error;       /* per sum and pixel, in stored units: what may be left out; 0 = none.
+                               Needs tile_max */
+};
+
+struct ls_accumulate_report {
+    double bound;          /* largest sum of |w| tile_max left out, over sums and tiles */
+    uint64_t tiles_read;   /* (picture, tile) pairs */
+    uint64_t tiles_skipped;
+    uint64_t not_finite;   /* stored Inf or NaN met; each counted as 0 */
+};
+
+/**
+ * sums[n_sums][height][width] of the region's pixels: sums[q] = sum_i weights[q][i] picture_i.
+ * A picture whose weight is 0 in every sum is never read, nor is a NULL tile. With max_error, the
+ * pairs of least bound (ties: lowest picture) are left out of a tile as long as what is left out
+ * stays under max_error in every sum; report->bound says how much that is.
+ *
+ * Accuracy: |error| <= (n/8 + 9) 2^-24 sum_i |w_i e_i| + bound, n the pictures read: partial sums
+ * of 8 pictures in ascending order, then the partial sums in ascending order, all in float, no
+ * fused operations. The F16C + AVX path returns the same bits as the C reference, whatever the
+ * region or the number of threads. A stored Inf or NaN counts as 0 and is counted in the report.
+ * RT-safe when max_error is 0. Errors: LS_ERR_INVALID (region, a weight that is not finite,
+ * max_error without tile_max), LS_ERR_NOMEM.
+ */
+LS_MUST_CHECK enum ls_err ls_accumulate(const struct ls_field *field,
+                                        const struct ls_accumulate_job *job,
+                                        const struct ls_tile_region *region, float *sums,
+                                        struct ls_accumulate_report *report, struct ls_diag *diag);
+
+/** The inner kernel: acc[q][j] += sum over n <= 8 pictures of w[q][i] half_i[j], j < count <= 64.
+ * Returns how many halves were not finite. */
+struct ls_accumulate_kernel {
+    const char *name; /* "c", "f16c" */
+    unsigned (*rows)(const void *const *halfs, const float *const *w, uint32_t n, uint32_t n_sums,
+                     uint32_t count, float *acc, size_t acc_stride);
+};
+
+/** The fastest kernel of this CPU whose name is not masked; @mask NULL, or a name to leave out
+ * (tests). (transfer none). */
+const struct ls_accumulate_kernel *ls_accumulate_kernel(const char *mask);
+
+/** ls_accumulate with a given kernel (tests, benchmarks). */
+LS_MUST_CHECK enum ls_err ls_accumulate_with(const struct ls_accumulate_kernel *kernel,
+                                             const struct ls_field *field,
+                                             const struct ls_accumulate_job *job,
+                                             const struct ls_tile_region *region, float *sums,
+                                             struct ls_accumulate_report *report,
+                                             struct ls_diag *diag);
+
+/** Weight row of a relit spectrum: row[i] = w[i * stride] k(i,0), w in radiance x sr. */
+void ls_relight_row(const struct ls_field *field, const double *w, size_t stride, float *row);
+
+/** Weight row of the tristimulus baseline for camera channel @c, as `ls_relight_row` over p(0,c). */
+void ls_relight_tristimulus_row(const struct ls_field *field, const double *w, size_t stride,
+                                uint32_t c, float *row);
+
+/** Demosaic a sum: @window is what of the picture @sum holds ([window.height][window.width]),
+ * @region the part wanted (with its halo inside the window, see ls_demosaic_needs). Mono copies.
+ * out[region.height][region.width][n_channels]. Errors as ls_demosaic. */
+LS_MUST_CHECK enum ls_err ls_relight_demosaic(const struct ls_field *field, const float *sum,
+                                              struct ls_demosaic_region window,
+                                              struct ls_demosaic_region region, float *out);
+
+/** One addend of a picture. */
+struct ls_relight_term {
+    const float *sum;   /* mosaic over the window */
+    const float *ratio; /* over the region, [height][width][n_channels]; NULL = 1 (white) */
+    int32_t channel;    /* -1: shared weights, every channel of the demosaiced sum goes to the same
+                           channel of the output (mono: to all three). 0..2: only this camera
+                           channel (RGB, unequal weights), or this output channel (mono) */
+};
+
+/**
+ * out[region.height][region.width][3]: the sum over terms of scale x demosaic(sum) x ratio, terms
+ * added in order, then @m (row-major 3x3; NULL = none). Errors: LS_ERR_INVALID, LS_ERR_NOMEM.
+ */
+LS_MUST_CHECK enum ls_err ls_relight_finish(const struct ls_field *field,
+                                            struct ls_demosaic_region window,
+                                            struct ls_demosaic_region region,
+                                            const struct ls_relight_term *terms, size_t n_terms,
+                                            const double *m, float *out, struct ls_diag *diag);
+
+#endif
