@@ -1,0 +1,76 @@
+/*
+ * demosaic: a float mosaic to RGB, for any region, identical to the same region of the whole.
+ * Layer: core. Threads: any; pure. Ownership: everything is the caller's.
+ *
+ * Two linear, shift-invariant filters. Linear matters: summing lights on the mosaic and
+ * demosaicing once is exact for weights equal in R, G and B, and only for those. Ratios and
+ * matrices are formed after demosaicing, never before.
+ *
+ * BILINEAR averages the 2 or 4 nearest samples of the colour. GRADIENT (default) adds the second
+ * derivative of the colour that *is* known at the pixel, the class of Malvar, He and Cutler,
+ * "High-quality linear interpolation for demosaicing of Bayer-patterned color images" (ICASSP
+ * 2004); its coefficients are derived in demosaic.c. Both reproduce constants, and linear ramps
+ * away from the border; a neutral (R = G = B) quadratic is reproduced by GRADIENT far better.
+ *
+ * Border: coordinates are mirrored about the centre of the outermost pixel (-1 -> 1, W -> W - 2),
+ * which keeps their parity and therefore their colour. An image one pixel wide or high has no
+ * parity to keep; there the missing colours are taken from what is there (a 1 x 1 image is grey).
+ *
+ * Accuracy: float, fixed order of summation; error <= 2e-6 of the largest sample in the 5 x 5
+ * neighbourhood. NaN and Inf stay within two pixels of where they were.
+ */
+#ifndef LS_CORE_DEMOSAIC_H
+#define LS_CORE_DEMOSAIC_H
+
+#include "core/error.h"
+#include "core/pixel.h"
+
+#include <stddef.h>
+#include <stdint.h>
+
+enum ls_demosaic_method {
+    LS_DEMOSAIC_GRADIENT,
+    LS_DEMOSAIC_BILINEAR,
+};
+
+/** Pixels around a region that its result depends on, for either method. */
+enum { LS_DEMOSAIC_HALO = 2 };
+
+/** A rectangle of pixels. */
+struct ls_demosaic_region {
+    uint32_t x, y, width, height;
+};
+
+/** A window of a mosaic in memory; its place in the whole image gives the colours. */
+struct ls_demosaic_source {
+    const float *data;           /* pixel (window.x, window.y) */
+    size_t stride;               /* floats from row to row */
+    struct ls_demosaic_region window; /* what of the image is in memory */
+    uint32_t image_width, image_height;
+    enum ls_cfa cfa;             /* of pixel (0, 0) of the image; NONE copies to all three */
+};
+
+/** Where RGB goes. Planar: plane[c], pixel_step 1. Interleaved: plane[c] = base + c,
+ * pixel_step 3. */
+struct ls_demosaic_target {
+    float *plane[3];
+    size_t pixel_step, row_step; /* in floats */
+};
+
+/** The part of an image that the demosaic of @region reads: the halo, cut at the border.
+ * RT-safe. */
+struct ls_demosaic_region ls_demosaic_needs(struct ls_demosaic_region region,
+                                            uint32_t image_width, uint32_t image_height);
+
+/**
+ * Demosaic @region (image coordinates) of @source into @target, whose first pixel is that of the
+ * region. Bit-identical to the same pixels of a demosaic of the whole image. LS_ERR_INVALID when
+ * the region is not inside the image or the window does not hold what ls_demosaic_needs says.
+ * RT-safe.
+ */
+LS_MUST_CHECK enum ls_err ls_demosaic(const struct ls_demosaic_source *source,
+                                      struct ls_demosaic_region region,
+                                      enum ls_demosaic_method method,
+                                      const struct ls_demosaic_target *target);
+
+#endif
