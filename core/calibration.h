@@ -1,0 +1,135 @@
+/*
+ * calibration: everything measured about a rig that a take's numbers depend on, and its JSON form.
+ * Layer: core. Threads: any; no shared state. Ownership: one allocation tree under ls_calibration,
+ * released by ls_calibration_destroy.
+ *
+ * Relations (k, g, p, L: see the fields):
+ *   E = (x - dark) / (full_scale_dn * t)         ungained, full scale per second
+ *   R = scale * k(i,s) * E                       a 100 % Lambertian facing a white light reads 1/pi
+ *   sum of basis images / (photographed pattern / nominal duty) = pattern factor, on E
+ * Spectra of channels are spectral irradiance per nm of a light of strength 1 and share one unit
+ * with the sensitivities: integral of spectrum * sensitivity d(lambda) = p(s,c), p(W, green) = 1
+ * (mono: its one channel).
+ *
+ * JSON schema, format 1 (every key required unless marked optional):
+ *   format            1
+ *   lights            { position_m: [[x,y,z]...], direction: [[x,y,z]...], omega_sr: [...] }
+ *   channels          [{ name, kind: "spectrum"|"polariser",
+ *                        spectrum (optional): { start_nm, step_nm, values: [...] } }]
+ *   k, sigma_k        { channel name: [one per light] }
+ *   pattern_factors   [{ channel, pattern: "sphere", duty, factor }]
+ *   scale             number > 0
+ *   p                 { channel name: [r,g,b] or [mono] }
+ *   chart (optional)  { names: [...],
+ *                       reflectance: { start_nm, step_nm, values: [one row per patch] } }
+ *   L (optional)      [patch][camera channel][channel of kind spectrum and polariser, in order]
+ *   camera            { sensitivities (optional): { start_nm, step_nm, values: [one row per camera
+ *                       channel] }, black_dn, full_scale_dn, electrons_per_dn, read_noise_dn,
+ *                       cfa: "RG"|"GR"|"GB"|"BG"|"mono", pixel_format, exposure_offset_us,
+ *                       range: [low, high], hot_pixels: [[x,y]...] }
+ *   M (optional)      [[3]...3] camera raw to linear Rec. 709; a D65 white whose green raw is 1
+ *                       becomes (1,1,1)
+ */
+#ifndef LS_CORE_CALIBRATION_H
+#define LS_CORE_CALIBRATION_H
+
+#include "core/error.h"
+
+#include <stdbool.h>
+#include <stddef.h>
+#include <stdint.h>
+
+enum {
+    LS_CALIBRATION_MAX_LIGHTS = 4096,
+    LS_CALIBRATION_MAX_CHANNELS = 16,
+    LS_CALIBRATION_MAX_PATTERNS = 1024,
+    LS_CALIBRATION_MAX_PATCHES = 256,
+    LS_CALIBRATION_MAX_SAMPLES = 1024, /* wavelengths of a spectrum */
+    LS_CALIBRATION_MAX_HOT = 1 << 20,
+};
+
+/** Rows of equally sampled spectra: value of row r at start_nm + i step_nm is v[r * n + i]. */
+struct ls_spectral_table {
+    double start_nm, step_nm;
+    uint32_t n;    /* wavelengths, 0 = absent */
+    uint32_t rows;
+    float *v;
+};
+
+struct ls_calibration_channel {
+    char name[16];
+    bool polariser;                    /* kind */
+    struct ls_spectral_table spectrum; /* one row; n = 0 if unknown */
+};
+
+/** Ungained basis sum over photographed picture per nominal duty, e.g. 1.20 for a full sphere. */
+struct ls_calibration_pattern {
+    uint32_t channel;
+    char pattern[16]; /* "sphere" */
+    double duty;      /* nominal, (0, 1] */
+    double factor;
+};
+
+struct ls_calibration_camera {
+    struct ls_spectral_table sensitivity; /* rows = colours; n = 0 if unknown */
+    double black_dn, full_scale_dn, electrons_per_dn, read_noise_dn;
+    double exposure_offset_us;
+    double range_low, range_high; /* linear range, of full scale */
+    char cfa[8];                  /* "RG" "GR" "GB" "BG" "mono" */
+    char pixel_format[32];        /* GenICam name the DN constants hold for */
+    uint32_t n_hot;
+    uint32_t (*hot)[2]; /* x, y on the sensor */
+};
+
+struct ls_calibration {
+    uint32_t n_lights, n_channels;
+    uint32_t n_colours;    /* camera channels: 3, or 1 for mono */
+    float (*position_m)[3];
+    float (*direction)[3]; /* unit, centre towards light */
+    float *omega_sr;
+    struct ls_calibration_channel channels[LS_CALIBRATION_MAX_CHANNELS];
+    float *k, *sigma_k; /* [channel * n_lights + light]; mean over lights of 1/k = 1, V, H excepted */
+    uint32_t n_patterns;
+    struct ls_calibration_pattern *patterns;
+    double scale;
+    float p[LS_CALIBRATION_MAX_CHANNELS][3]; /* [channel][colour] */
+    uint32_t n_patches; /* 0 = no chart */
+    char (*patch_names)[32];
+    struct ls_spectral_table reflectance; /* rows = patches */
+    float *L; /* [(patch * n_colours + colour) * n_channels + channel]; NULL = absent */
+    struct ls_calibration_camera camera;
+    bool has_m;
+    double m[3][3]; /* row-major: rec709 = m raw */
+};
+
+/**
+ * Parse and validate. Nothing in the text can make it crash, loop or allocate beyond a small
+ * multiple of @size. Errors: LS_ERR_INVALID with the key's path and what was expected,
+ * LS_ERR_UNSUPPORTED (another format number), LS_ERR_LIMIT (over a maximum above), LS_ERR_NOMEM.
+ * @out: (transfer full).
+ */
+LS_MUST_CHECK enum ls_err ls_calibration_parse(const char *text, size_t size,
+                                               struct ls_calibration **out, struct ls_diag *diag);
+
+/** NULL is allowed. */
+void ls_calibration_destroy(struct ls_calibration *calibration);
+
+/** An empty calibration with zeroed lights, k and sigma_k arrays. (transfer full). */
+LS_MUST_CHECK enum ls_err ls_calibration_create(uint32_t n_lights, uint32_t n_channels,
+                                                uint32_t n_colours, struct ls_calibration **out,
+                                                struct ls_diag *diag);
+
+/** JSON text, NUL-terminated, numbers with enough digits to round-trip floats. @text: (transfer
+ * full), free(). */
+LS_MUST_CHECK enum ls_err ls_calibration_write(const struct ls_calibration *calibration,
+                                               char **text, struct ls_diag *diag);
+
+/** Index of a channel by name, or -1. RT-safe. */
+int ls_calibration_channel(const struct ls_calibration *calibration, const char *name);
+
+/** Factor of a pattern at a nominal duty (within 1e-4), or 0 where none was calibrated.
+ * RT-safe. */
+double ls_calibration_factor(const struct ls_calibration *calibration, uint32_t channel,
+                             const char *pattern, double duty);
+
+#endif

@@ -1,0 +1,58 @@
+/*
+ * geometry: where the lights of the simulated dome stand.
+ * Layer: sim. Threads: any; no shared state. Ownership: the caller frees with sim_geometry_finish.
+ *
+ * Positions are in the stage frame: right-handed, y up, metres, the primary camera on +z. A file of
+ * positions declares its own axes and unit and is converted on load. Coincident lights are legal:
+ * a light is its row.
+ */
+#ifndef LS_SIM_GEOMETRY_H
+#define LS_SIM_GEOMETRY_H
+
+#include "core/error.h"
+
+#include <stdint.h>
+
+enum {
+    SIM_MAX_LIGHTS = 4096,
+};
+
+struct sim_geometry {
+    uint32_t n_lights;
+    float (*position_m)[3];
+    float (*direction)[3]; /* unit, from the centre towards the light */
+    float *omega_sr;       /* solid angle of the cell: directions nearest to this light */
+};
+
+/**
+ * The generated sphere: @n_lights (346 by default) on a sphere of @radius_m. For 346 lights: 30 on
+ * the equator, 12 degrees apart, rings every 12 degrees of latitude, one light at the top and the
+ * cap below -66 degrees missing. For other counts: the first @n_lights of a spherical Fibonacci
+ * spiral. (transfer full) on success.
+ */
+LS_MUST_CHECK enum ls_err sim_geometry_sphere(uint32_t n_lights, double radius_m,
+                                              struct sim_geometry *out, struct ls_diag *diag);
+
+/**
+ * Parse three comma-separated numbers per line; blank lines and lines starting with '#' are
+ * skipped. @axes: what the three columns point at, comma-separated, each of left right up down
+ * towards away (towards = at the camera), one per dimension. @unit: "m", "cm", "mm".
+ * Errors: LS_ERR_INVALID naming the line, LS_ERR_LIMIT (more than SIM_MAX_LIGHTS).
+ */
+LS_MUST_CHECK enum ls_err sim_geometry_parse(const char *text, size_t size, const char *name,
+                                             const char *axes, const char *unit,
+                                             struct sim_geometry *out, struct ls_diag *diag);
+
+/** sim_geometry_parse on a file's content. Errors: LS_ERR_NOT_FOUND, those of parse. */
+LS_MUST_CHECK enum ls_err sim_geometry_load(const char *path, const char *axes, const char *unit,
+                                            struct sim_geometry *out, struct ls_diag *diag);
+
+/** Index of the light nearest in angle to unit direction @d; ties go to the lowest index. */
+uint32_t sim_geometry_nearest(const struct sim_geometry *geometry, const float d[3]);
+
+/** Direction @index of @n evenly spread over the sphere (spherical Fibonacci); 4 pi / n each. */
+void sim_geometry_fibonacci(uint32_t index, uint32_t n, float d[3]);
+
+void sim_geometry_finish(struct sim_geometry *geometry);
+
+#endif
