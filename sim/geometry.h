@@ -21,29 +21,23 @@ struct sim_geometry {
     uint32_t n_lights;
     float (*position_m)[3];
     float (*direction)[3]; /* unit, from the centre towards the light */
-    float *omega_sr;       /* solid angle of the cell: directions nearest to this light */
+    float *omega_sr;       /* solid angle of the cell: directions nearest to this light, shared
+                              equally by coincident lights */
 };
 
 /**
- * The generated sphere: @n_lights (346 by default) on a sphere of @radius_m. For 346 lights: 30 on
- * the equator, 12 degrees apart, rings every 12 degrees of latitude, one light at the top and the
- * cap below -66 degrees missing. For other counts: the first @n_lights of a spherical Fibonacci
+ * The generated sphere: @n_lights on a sphere of @radius_m. 346 lights are the reference: 30 on the
+ * equator, 12 degrees apart and one of them on +z, rings every 10 degrees of latitude, one light at
+ * the top and none below -70 degrees; row 0 is the top, rings run downwards. For other counts: the first @n_lights of a spherical Fibonacci
  * spiral. (transfer full) on success.
  */
 LS_MUST_CHECK enum ls_err sim_geometry_sphere(uint32_t n_lights, double radius_m,
                                               struct sim_geometry *out, struct ls_diag *diag);
 
 /**
- * Parse three comma-separated numbers per line; blank lines and lines starting with '#' are
- * skipped. @axes: what the three columns point at, comma-separated, each of left right up down
- * towards away (towards = at the camera), one per dimension. @unit: "m", "cm", "mm".
- * Errors: LS_ERR_INVALID naming the line, LS_ERR_LIMIT (more than SIM_MAX_LIGHTS).
+ * Read a file of positions (format, @axes and @unit: core/positions.h).
+ * Errors: LS_ERR_NOT_FOUND, LS_ERR_INVALID naming file and line, LS_ERR_LIMIT. (transfer full).
  */
-LS_MUST_CHECK enum ls_err sim_geometry_parse(const char *text, size_t size, const char *name,
-                                             const char *axes, const char *unit,
-                                             struct sim_geometry *out, struct ls_diag *diag);
-
-/** sim_geometry_parse on a file's content. Errors: LS_ERR_NOT_FOUND, those of parse. */
 LS_MUST_CHECK enum ls_err sim_geometry_load(const char *path, const char *axes, const char *unit,
                                             struct sim_geometry *out, struct ls_diag *diag);
 

@@ -48,8 +48,8 @@ struct sim_channel_config {
     double droop;      /* >= 1: divisor when every light is on, 1 for a single one */
 };
 
-/** Optics and sensor of one camera. */
-struct sim_camera_config {
+/** Optics and sensor of one camera: what it sees. (How it talks is sim/camera.h.) */
+struct sim_view_config {
     double position_m[3], look_at_m[3];
     double focal_length_mm, sensor_width_mm; /* square pixels: height follows from the size */
     uint32_t width, height;                  /* sensor, px; both >= 1 */
@@ -82,9 +82,9 @@ struct sim_scene_config {
     struct sim_channel_config channels[SIM_MAX_CHANNELS];
     /* cameras */
     uint32_t n_cameras;
-    struct sim_camera_config cameras[SIM_MAX_CAMERAS];
+    struct sim_view_config views[SIM_MAX_CAMERAS]; /* by camera index */
     /* files and limits */
-    char spectra_dir[1024]; /* "" = the one built in */
+    char spectra_dir[1024]; /* "" = the one of the source tree */
     char replay_dir[1024];
     bool replay_linear;     /* else sRGB-decoded */
     double sphere_radius_m; /* of grey, chrome and gloss: (0, 0.1] */
@@ -96,7 +96,7 @@ struct sim_scene_config {
 void sim_scene_config_default(struct sim_scene_config *config);
 
 /** The defaults of one camera of @width x @height; the sensor's area stays the same. */
-void sim_camera_config_default(struct sim_camera_config *camera, uint32_t width, uint32_t height);
+void sim_view_config_default(struct sim_view_config *view, uint32_t width, uint32_t height);
 
 /** Would sim_scene_create accept it? LS_ERR_INVALID names the key. Reads no file. */
 LS_MUST_CHECK enum ls_err sim_scene_config_check(const struct sim_scene_config *config,
@@ -140,13 +140,11 @@ LS_MUST_CHECK enum ls_err sim_scene_commit(struct sim_scene *scene,
                                            sim_scene_progress *progress, void *user,
                                            struct ls_diag *diag);
 
-/** Bytes of a raw image; 0 if the pixel format is not one the simulator makes: Mono8, Mono12,
- * Mono12Packed, Mono16 and, for GR RG GB BG, Bayer8, Bayer12, Bayer12Packed. */
+/** Bytes of a raw image; 0 if the pixel format is none of core/pixel.h. */
 size_t sim_raw_bytes(const struct sim_raw_format *format);
 
 /**
- * One exposure as raw wire bytes (little-endian 16 bit; packed 12 bit as GigE Vision does: two
- * pixels in three bytes). A run repeats exactly: the noise depends on seed, camera, sequence and
+ * One exposure as raw wire bytes (core/pixel.h). A run repeats exactly: the noise depends on seed, camera, sequence and
  * pixel alone. @raw: sim_raw_bytes(format). The region must lie in the sensor and a Bayer format
  * must have the sensor's order, shifted by an odd offset. Errors: LS_ERR_INVALID.
  */

@@ -12,11 +12,11 @@
 #define LS_SIM_TRUTH_H
 
 #include "core/calibration.h"
+#include "core/environment.h"
 #include "core/error.h"
 #include "sim/scene.h"
 
 #include <stdint.h>
-#include <stdio.h>
 
 /** A region of the sensor of one camera. */
 struct sim_region {
@@ -44,18 +44,15 @@ LS_MUST_CHECK enum ls_err sim_truth_relight(const struct sim_scene *scene,
                                             const struct sim_region *region, const float *weights,
                                             uint32_t n_pictures, float *out, struct ls_diag *diag);
 
-/** A spectral radiance in direction @d (unit, stage frame) at SIM_SPECTRUM_N wavelengths. */
-typedef void sim_truth_radiance(void *user, const float d[3], float *radiance);
-
 /**
- * A picture under a spectral environment: the radiance is integrated over each light's cell with
- * @n_directions (spherical Fibonacci, each given to its nearest light), then shaded spectrally as if
- * each LED had that spectrum. Radiance has the unit in which the white LED of the calibration reads
- * p(W,green) = 1. @out: [height][width][colours].
+ * A picture under a spectral environment: each lobe's radiance is integrated over every light's
+ * cell with @n_directions (spherical Fibonacci, each given to its nearest light), then shaded with
+ * the lobe's own spectrum, at 5 nm, as if the light had it. Spectra have the unit in which the
+ * white LED of the calibration reads p(W, green) = 1. @out: [height][width][colours].
  */
 LS_MUST_CHECK enum ls_err sim_truth_environment(const struct sim_scene *scene,
                                                 const struct sim_region *region,
-                                                sim_truth_radiance *radiance, void *user,
+                                                const struct ls_lobes *lobes,
                                                 uint32_t n_directions, float *out,
                                                 struct ls_diag *diag);
 
