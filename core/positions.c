@@ -69,7 +69,7 @@ static enum ls_err parse_row(char *line, const struct axes *axes, float scale, f
     if (*p) {
         char *end;
         unsigned long v = strtoul(p, &end, 10);
-        if (end == p || end[strspn(end, " \t")] || v > UINT32_MAX)
+        if (end == p || end[strspn(end, " \t")] || v > UINT16_MAX)
             return LS_ERR_INVALID;
         *address = (uint32_t)v;
     }

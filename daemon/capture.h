@@ -26,6 +26,8 @@ struct ls_capture_setup {
     struct ls_store *store;
     double reference_exposure_s;      /* stored value = E x this */
     const uint8_t *condition_done;    /* per condition: 1 = published already (resume), or NULL */
+    const float *const *darks;        /* [camera * n_exposures + exposure]: the published mean darks
+                                         in DN of a resumed take, NULL where not done; or NULL */
 };
 
 /** Live numbers, readable while a take runs. */

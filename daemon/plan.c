@@ -50,6 +50,12 @@ static struct ls_plan_condition *add_condition(struct ls_conf *c, struct builder
     return out;
 }
 
+/* The controller's address of a row of the rig file. */
+static uint16_t address(const struct builder *b, uint16_t light)
+{
+    return (uint16_t)b->config->lights[light].address;
+}
+
 static void add_one(struct ls_conf *c, struct builder *b, uint16_t light, uint16_t channel,
                     uint16_t level)
 {
@@ -57,7 +63,7 @@ static void add_one(struct ls_conf *c, struct builder *b, uint16_t light, uint16
     struct ls_plan_condition *cond = led ? add_condition(c, b) : NULL;
     if (!cond)
         return;
-    *led = (struct ls_led){ .light = light, .channel = channel, .level = level };
+    *led = (struct ls_led){ .light = address(b, light), .channel = channel, .level = level };
     cond->lights = (struct ls_condition){ LS_CONDITION_ONE, 1, led };
     cond->light = light;
     cond->channel = channel;
@@ -84,7 +90,7 @@ static void add_segment(struct ls_conf *c, struct builder *b, const uint16_t *li
     if (!cond)
         return;
     for (uint32_t i = 0; i < n; i++)
-        leds[i] = (struct ls_led){ .light = lights[i], .channel = channel, .level = level };
+        leds[i] = (struct ls_led){ .light = address(b, lights[i]), .channel = channel, .level = level };
     cond->lights = (struct ls_condition){ LS_CONDITION_SEGMENT, n, leds };
     cond->channel = channel;
     snprintf(cond->id, sizeof cond->id, "segment%u-%s", b->segments,

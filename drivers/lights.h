@@ -33,7 +33,7 @@
 
 /** One LED group of one light, at a duty cycle of level / 65535 within its pulse. */
 struct ls_led {
-    uint16_t light;   /* 0-based row of the rig file */
+    uint16_t light;   /* address on the controller (the rig file's address column) */
     uint16_t channel; /* 0 W, 1 R, 2 A, 3 G, 4 C, 5 B, 6 V, 7 H on the reference rig */
     uint16_t level;   /* PWM duty, [0, 65535] */
 };

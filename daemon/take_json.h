@@ -1,0 +1,53 @@
+/*
+ * take_json: the document a take carries so that it explains itself.
+ * Layer: daemon. Threads: any. Ownership: as stated.
+ *
+ * Keys (the store adds its own: daemon/store.h):
+ *   "software" "lightstaged 0.1.0", "conventions" 1,
+ *   "plan" { "text" (as given), "subject", "period_us", "pulse_us" [], "conditions" [ { "id",
+ *     "kind" dark|one|sphere|segment, "light" (rig row, one), "lights" [] (segment: controller
+ *     addresses), "channel" "W", "level", "exposure" (dark), "repeats", "first_step", "steps" } ] },
+ *   "rig" { "name", "lights" { "position_m" [[x,y,z]], "address" [] },
+ *     "channels" [ { "name", "kind" } ],
+ *     "cameras" [ { "name", "vendor", "model", "serial", "width", "height", "pixel_format",
+ *       "position_m", "look_at_m", "focal_length_mm", "sensor_mm", "range", "black_dn",
+ *       "full_scale_dn", "electrons_per_dn", "read_noise_dn", "exposure_offset_us",
+ *       "unverified" } ],
+ *     "controller" { "serial", "firmware", "pwm_levels", "pwm_period_us" } },
+ *   "exposure_s" [] (as used, shortest first), "reference_exposure_s",
+ *   "calibration" (core/calibration.h) or null.
+ */
+#ifndef LS_DAEMON_TAKE_JSON_H
+#define LS_DAEMON_TAKE_JSON_H
+
+#include "core/error.h"
+#include "daemon/config.h"
+#include "daemon/plan.h"
+#include "drivers/camera.h"
+#include "drivers/lights.h"
+
+struct ls_take_document {
+    const struct ls_config *config;
+    const struct ls_plan *plan;
+    const char *plan_text;
+    const struct ls_lights_info *lights;
+    const struct ls_camera_info *const *cameras; /* config->n_cameras of them */
+    double reference_exposure_s;
+    const char *calibration_json; /* NULL = none */
+};
+
+/** *text: (transfer full), free(). Errors: LS_ERR_INVALID (calibration is no JSON), LS_ERR_NOMEM. */
+LS_MUST_CHECK enum ls_err ls_take_json_make(const struct ls_take_document *document, char **text,
+                                            struct ls_diag *diag);
+
+/** The plan text inside a take.json. *plan_text: (transfer full), free(). LS_ERR_INVALID. */
+LS_MUST_CHECK enum ls_err ls_take_json_plan(const char *take_json, char **plan_text,
+                                            struct ls_diag *diag);
+
+/** Is the rig in this take.json the one in @document (lights, channels, camera geometry and
+ * formats)? LS_ERR_MISMATCH naming the first difference; LS_ERR_INVALID. */
+LS_MUST_CHECK enum ls_err ls_take_json_same_rig(const char *take_json,
+                                                const struct ls_take_document *document,
+                                                struct ls_diag *diag);
+
+#endif
