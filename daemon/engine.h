@@ -54,7 +54,8 @@ struct ls_preflight {
     uint32_t conditions, steps, shots;
     double seconds;
     uint64_t bytes, disk_free_bytes;
-    double dark_noise_share; /* part of a relit picture's noise that comes from the K darks */
+    double dark_noise_share; /* of a relit picture's noise power, the part that the darks bring:
+                                N/K / (1 + N/K) for N lights and K darks */
     char warnings[1024];     /* newline-separated, "" = none */
 };
 

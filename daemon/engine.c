@@ -1,0 +1,292 @@
+#include "daemon/engine.h"
+
+#include "daemon/file.h"
+#include "daemon/privileges.h"
+#include "daemon/rig.h"
+#include "daemon/take.h"
+
+#include <glib.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/statvfs.h>
+
+enum {
+    REPORT_PERIOD_MS = 100,
+    CALIBRATION_MAX_BYTES = 256 << 20,
+    TOKENS_REMEMBERED = 256,
+};
+
+struct ls_engine {
+    const struct ls_config *config;
+    char *calibration_json;
+    struct ls_calibration *calibration;
+    struct ls_take_context context;
+    ls_take_callback *callback;
+    void *user;
+    GMainContext *main;
+    struct ls_take *take; /* NULL: none runs */
+    GThread *thread;
+    GSource *timer;
+    struct ls_take_status status;
+    char tokens[TOKENS_REMEMBERED][64]; /* of takes that were started, oldest overwritten */
+    unsigned n_tokens;
+    /* written by the take's thread before it posts take_ended */
+    enum ls_take_state end_state;
+    struct ls_capture_report end_report;
+    struct ls_diag end_message;
+};
+
+static enum ls_err load_calibration(struct ls_engine *e, struct ls_diag *diag)
+{
+    if (!e->config->calibration_path)
+        return LS_OK;
+    size_t length = 0;
+    enum ls_err err = ls_file_read(e->config->calibration_path, CALIBRATION_MAX_BYTES,
+                                   &e->calibration_json, &length, diag);
+    if (!err)
+        err = ls_calibration_parse(e->calibration_json, length, &e->calibration, diag);
+    if (!err && e->calibration->n_lights != e->config->n_lights)
+        err = ls_fail(diag, LS_ERR_MISMATCH, "%s: %u lights, the rig has %u: calibrate this rig",
+                      e->config->calibration_path, e->calibration->n_lights, e->config->n_lights);
+    return err;
+}
+
+enum ls_err ls_engine_create(const struct ls_config *config, ls_take_callback *callback, void *user,
+                             struct ls_engine **out, struct ls_diag *diag)
+{
+    struct ls_engine *e = calloc(1, sizeof *e);
+    if (!e)
+        return ls_fail(diag, LS_ERR_NOMEM, "out of memory");
+    e->config = config;
+    e->callback = callback;
+    e->user = user;
+    e->main = g_main_context_ref_thread_default();
+    enum ls_err err = load_calibration(e, diag);
+    if (err) {
+        ls_engine_destroy(e);
+        return err;
+    }
+    e->context = (struct ls_take_context){ config, e->calibration_json, e->calibration };
+    *out = e;
+    return LS_OK;
+}
+
+static void notify(struct ls_engine *e)
+{
+    if (e->callback)
+        e->callback(e->user, &e->status);
+}
+
+static gboolean report_progress(gpointer data)
+{
+    struct ls_engine *e = data;
+    ls_take_progress(e->take, &e->status.progress);
+    if (e->status.state == LS_TAKE_PREPARING && e->status.progress.steps_bound)
+        e->status.state = LS_TAKE_RUNNING;
+    notify(e);
+    return G_SOURCE_CONTINUE;
+}
+
+/* The thread has nothing left to do: join it and tell. */
+static void reap(struct ls_engine *e)
+{
+    g_thread_join(e->thread);
+    e->thread = NULL;
+    g_source_destroy(e->timer);
+    g_clear_pointer(&e->timer, g_source_unref);
+    ls_take_progress(e->take, &e->status.progress);
+    ls_take_destroy(e->take);
+    e->take = NULL;
+    e->status.state = e->end_state;
+    e->status.report = e->end_report;
+    snprintf(e->status.message, sizeof e->status.message, "%s", e->end_message.text);
+}
+
+static gboolean take_ended(gpointer data)
+{
+    struct ls_engine *e = data;
+    if (e->take) {
+        reap(e);
+        notify(e);
+    }
+    return G_SOURCE_REMOVE;
+}
+
+static gpointer take_main(gpointer data)
+{
+    struct ls_engine *e = data;
+    e->end_state = ls_take_run(e->take, &e->end_report, &e->end_message);
+    GSource *source = g_idle_source_new();
+    g_source_set_priority(source, G_PRIORITY_DEFAULT);
+    g_source_set_callback(source, take_ended, e, NULL);
+    g_source_attach(source, e->main);
+    g_source_unref(source);
+    return NULL;
+}
+
+static void launch(struct ls_engine *e, struct ls_take *take, const char *token)
+{
+    e->take = take;
+    e->status = (struct ls_take_status){ .state = LS_TAKE_PREPARING };
+    snprintf(e->status.id, sizeof e->status.id, "%s", ls_take_id(take));
+    snprintf(e->status.token, sizeof e->status.token, "%s", token);
+    snprintf(e->tokens[e->n_tokens++ % TOKENS_REMEMBERED], sizeof e->tokens[0], "%s", token);
+    e->timer = g_timeout_source_new(REPORT_PERIOD_MS);
+    g_source_set_callback(e->timer, report_progress, e, NULL);
+    g_source_attach(e->timer, e->main);
+    e->thread = g_thread_new("ls-take", take_main, e);
+    notify(e);
+}
+
+static bool token_seen(const struct ls_engine *e, const char *token)
+{
+    for (unsigned i = 0; i < TOKENS_REMEMBERED && i < e->n_tokens; i++)
+        if (*token && !strcmp(e->tokens[i], token))
+            return true;
+    return false;
+}
+
+static enum ls_err busy(const struct ls_engine *e, struct ls_diag *diag)
+{
+    return ls_fail(diag, LS_ERR_BUSY, "take %s is running: wait for it or abort it", e->status.id);
+}
+
+static enum ls_err check_token(const char *token, struct ls_diag *diag)
+{
+    if (strlen(token) >= sizeof(((struct ls_take_status *)0)->token))
+        return ls_fail(diag, LS_ERR_INVALID, "token of %zu bytes: expected at most 63",
+                       strlen(token));
+    return LS_OK;
+}
+
+enum ls_err ls_engine_preflight(struct ls_engine *e, const char *plan_text,
+                                struct ls_preflight *out, struct ls_diag *diag)
+{
+    return e->take ? busy(e, diag) : ls_take_preflight(&e->context, plan_text, out, diag);
+}
+
+enum ls_err ls_engine_start(struct ls_engine *e, const char *name, const char *plan_text,
+                            const char *token, bool *already, struct ls_diag *diag)
+{
+    struct ls_take *take;
+    enum ls_err err = check_token(token, diag);
+    *already = !err && token_seen(e, token);
+    if (err || *already)
+        return err;
+    if (e->take)
+        return busy(e, diag);
+    err = ls_take_create(&e->context, name, plan_text, &take, diag);
+    if (!err)
+        launch(e, take, token);
+    return err;
+}
+
+enum ls_err ls_engine_resume(struct ls_engine *e, const char *take_id, const char *token,
+                             struct ls_diag *diag)
+{
+    struct ls_take *take;
+    enum ls_err err = check_token(token, diag);
+    if (err || token_seen(e, token))
+        return err;
+    if (e->take)
+        return busy(e, diag);
+    err = ls_take_reopen(&e->context, take_id, &take, diag);
+    if (!err)
+        launch(e, take, token);
+    return err;
+}
+
+enum ls_err ls_engine_abort(struct ls_engine *e, struct ls_diag *diag)
+{
+    if (!e->take)
+        return ls_fail(diag, LS_ERR_STATE, "no take is running");
+    ls_take_abort(e->take);
+    return LS_OK;
+}
+
+enum ls_err ls_engine_blank(struct ls_engine *e, struct ls_diag *diag)
+{
+    if (e->take) {
+        ls_take_abort(e->take); /* the sequencer blanks first of all */
+        return LS_OK;
+    }
+    struct ls_lights *lights;
+    enum ls_err err = ls_lights_open(&e->config->lights_driver, &lights, diag);
+    if (err)
+        return err;
+    err = ls_lights_blank(lights, diag);
+    ls_lights_close(lights);
+    return err;
+}
+
+static void probe_lights(const struct ls_engine *e, struct ls_engine_status *out)
+{
+    struct ls_lights *lights;
+    struct ls_step_event event;
+    size_t n_events;
+    if (ls_lights_open(&e->config->lights_driver, &lights, NULL))
+        return;
+    snprintf(out->lights_serial, sizeof out->lights_serial, "%s", ls_lights_info(lights)->serial);
+    out->lights_connected = !ls_lights_poll(lights, &out->lights, &event, 1, &n_events, NULL);
+    ls_lights_close(lights);
+}
+
+static void probe_camera(const struct ls_engine *e, uint32_t i, struct ls_engine_status *out)
+{
+    struct ls_camera *camera;
+    if (ls_camera_open(&e->config->cameras[i].driver, &camera, NULL))
+        return;
+    const struct ls_camera_info *info = ls_camera_info(camera);
+    out->cameras[i].connected = true;
+    snprintf(out->cameras[i].model, sizeof out->cameras[i].model, "%s", info->model);
+    snprintf(out->cameras[i].serial, sizeof out->cameras[i].serial, "%s", info->serial);
+    snprintf(out->cameras[i].unverified, sizeof out->cameras[i].unverified, "%s", info->unverified);
+    out->cameras[i].packet_socket = info->packet_socket;
+    ls_camera_close(camera);
+}
+
+void ls_engine_status(struct ls_engine *e, struct ls_engine_status *out)
+{
+    struct statvfs fs;
+    *out = (struct ls_engine_status){ .n_cameras = e->config->n_cameras, .take = e->status };
+    ls_privileges_missing(out->privileges, sizeof out->privileges);
+    if (!statvfs(e->config->storage, &fs))
+        out->disk_free_bytes = (uint64_t)fs.f_bavail * fs.f_frsize;
+    snprintf(out->calibration, sizeof out->calibration, "%s", e->calibration ? "given" : "none");
+    if (e->take) { /* the take holds the devices */
+        out->lights_connected = true;
+        for (uint32_t i = 0; i < e->config->n_cameras; i++)
+            out->cameras[i].connected = true;
+        return;
+    }
+    probe_lights(e, out);
+    for (uint32_t i = 0; i < e->config->n_cameras; i++)
+        probe_camera(e, i, out);
+}
+
+const struct ls_config *ls_engine_config(const struct ls_engine *e)
+{
+    return e->config;
+}
+
+const char *ls_engine_calibration_json(const struct ls_engine *e)
+{
+    return e->calibration_json;
+}
+
+void ls_engine_destroy(struct ls_engine *e)
+{
+    if (!e)
+        return;
+    if (e->take) {
+        ls_take_abort(e->take);
+        reap(e);
+    }
+    while (g_main_context_find_source_by_user_data(e->main, e))
+        g_source_destroy(g_main_context_find_source_by_user_data(e->main, e));
+    g_main_context_unref(e->main);
+    ls_calibration_destroy(e->calibration);
+    free(e->calibration_json);
+    free(e);
+}

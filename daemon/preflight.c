@@ -1,0 +1,231 @@
+#include "daemon/preflight.h"
+
+#include "core/exr.h"
+#include "core/merge.h"
+
+#include <math.h>
+#include <stdarg.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+enum {
+    TICKET_BYTES = 768,          /* of journal per shot and attempt, at most */
+    PUBLISHED_BYTES_PER_TILE = 40,
+    PUBLISHED_BYTES = 512,
+    DOCUMENT_BYTES = 8 << 20,    /* take.json, twice */
+    FLASH_LOW_HZ = 3,            /* visible flashing of a live subject */
+    FLASH_HIGH_HZ = 30,
+};
+
+static void warn(struct ls_preflight *out, const char *fmt, ...) LS_PRINTF(2, 3);
+static void warn(struct ls_preflight *out, const char *fmt, ...)
+{
+    size_t used = strlen(out->warnings);
+    va_list args;
+    va_start(args, fmt);
+    vsnprintf(out->warnings + used, sizeof out->warnings - used, fmt, args);
+    va_end(args);
+    used = strlen(out->warnings);
+    snprintf(out->warnings + used, sizeof out->warnings - used, "\n");
+}
+
+static enum ls_err check_rig(const struct ls_preflight_input *in, struct ls_diag *diag)
+{
+    const struct ls_config *c = in->config;
+    if (in->lights->n_channels < c->n_channels)
+        return ls_fail(diag, LS_ERR_INVALID,
+                       "the rig file has %u channels, the controller %u: correct the rig file",
+                       c->n_channels, in->lights->n_channels);
+    for (uint32_t i = 0; i < c->n_lights; i++)
+        if (c->lights[i].address >= in->lights->n_lights)
+            return ls_fail(diag, LS_ERR_INVALID,
+                           "light %u has address %u, the controller has addresses 0 to %u: "
+                           "correct the positions file",
+                           i, c->lights[i].address, in->lights->n_lights - 1);
+    return LS_OK;
+}
+
+static enum ls_err check_program(const struct ls_preflight_input *in, struct ls_diag *diag)
+{
+    const struct ls_plan *p = in->plan;
+    struct ls_condition *conditions = calloc(p->n_conditions, sizeof *conditions);
+    struct ls_step *steps = calloc(p->n_steps, sizeof *steps);
+    enum ls_err err = LS_ERR_NOMEM;
+    if (conditions && steps) {
+        for (uint32_t i = 0; i < p->n_conditions; i++)
+            conditions[i] = p->conditions[i].lights;
+        for (uint32_t i = 0; i < p->n_steps; i++)
+            steps[i] = (struct ls_step){ .condition = p->steps[i].condition,
+                                         .pulse_us = p->pulse_us[p->steps[i].exposure],
+                                         .settle_us = p->settle_us };
+        const struct ls_program program = { conditions, p->n_conditions, steps, p->n_steps,
+                                            p->period_us };
+        err = ls_lights_test(in->lights, &program, diag);
+    }
+    free(conditions);
+    free(steps);
+    return err;
+}
+
+static enum ls_err check_bracket(const struct ls_preflight_input *in, struct ls_diag *diag)
+{
+    for (uint32_t k = 0; k < in->config->n_cameras; k++) {
+        const struct ls_config_camera *c = &in->config->cameras[k];
+        double offset = c->driver.exposure == LS_EXPOSURE_WIDTH ? c->exposure_offset_us : 0;
+        double used_s[LS_MAX_EXPOSURES], shorter_s = 0;
+        for (uint32_t i = 0; i < in->plan->n_exposures; i++) {
+            used_s[i] = (in->plan->pulse_us[i] + offset) * 1e-6;
+            if (used_s[i] <= 0)
+                return ls_fail(diag, LS_ERR_INVALID,
+                               "exposures_us: %u us and the offset of camera %u (%g us) leave no "
+                               "exposure",
+                               in->plan->pulse_us[i], k, offset);
+        }
+        if (ls_merge_bracket_gaps(used_s, in->plan->n_exposures, c->range_low, c->range_high,
+                                  &shorter_s))
+            return ls_fail(diag, LS_ERR_INVALID,
+                           "exposures_us: the step after %g us leaves a gap: camera %u is linear "
+                           "from %g to %g of full scale, so each exposure may be at most %g times "
+                           "the one before",
+                           shorter_s * 1e6, k, c->range_low, c->range_high,
+                           c->range_high / c->range_low);
+    }
+    return LS_OK;
+}
+
+static bool flashes(double hz)
+{
+    return hz >= FLASH_LOW_HZ && hz <= FLASH_HIGH_HZ;
+}
+
+/* A live subject sees each pulse, and each change from one condition to the next. */
+static enum ls_err check_flashing(const struct ls_preflight_input *in, struct ls_diag *diag)
+{
+    const struct ls_plan *p = in->plan;
+    if (p->subject != LS_SUBJECT_LIVE || p->allow_flashing)
+        return LS_OK;
+    double pulse_hz = 1e6 / p->period_us, change_hz = pulse_hz / p->n_exposures;
+    if (flashes(pulse_hz))
+        return ls_fail(diag, LS_ERR_REFUSED,
+                       "a live subject would see pulses at %.1f Hz: between %d and %d Hz is "
+                       "dangerous; shorten exposures or period, or set allow_flashing = true",
+                       pulse_hz, FLASH_LOW_HZ, FLASH_HIGH_HZ);
+    if (flashes(change_hz))
+        return ls_fail(diag, LS_ERR_REFUSED,
+                       "a live subject would see lights change at %.1f Hz (%u exposures at %.1f "
+                       "Hz): between %d and %d Hz is dangerous; use fewer exposures, or set "
+                       "allow_flashing = true",
+                       change_hz, p->n_exposures, pulse_hz, FLASH_LOW_HZ, FLASH_HIGH_HZ);
+    return LS_OK;
+}
+
+uint64_t ls_preflight_bytes(const struct ls_preflight_input *in)
+{
+    const struct ls_plan *p = in->plan;
+    uint64_t bytes = DOCUMENT_BYTES;
+    for (uint32_t k = 0; k < in->config->n_cameras; k++) {
+        const struct ls_camera_info *c = in->cameras[k];
+        uint64_t tiles = (uint64_t)((c->width + 63) / 64) * ((c->height + 63) / 64);
+        for (uint32_t i = 0; i < p->n_conditions; i++)
+            bytes += ls_exr_mosaic_bytes_max(c->width, c->height, p->conditions[i].dark
+                                                                      ? LS_EXR_FLOAT
+                                                                      : LS_EXR_HALF) +
+                     PUBLISHED_BYTES + tiles * PUBLISHED_BYTES_PER_TILE;
+        bytes += (uint64_t)p->n_steps * TICKET_BYTES * (1 + in->config->retries);
+        if (p->keep_raw)
+            bytes += (uint64_t)p->n_steps * ((c->payload_bytes + 4095) & ~(size_t)4095);
+    }
+    return bytes;
+}
+
+static double seconds(const struct ls_plan *p)
+{
+    double us = 0;
+    for (uint32_t i = 0; i < p->n_steps; i++) {
+        double step = (double)p->pulse_us[p->steps[i].exposure] + p->settle_us;
+        us += step > p->period_us ? step : p->period_us;
+    }
+    return us * 1e-6;
+}
+
+static void warn_of_darks(const struct ls_preflight_input *in, struct ls_preflight *out)
+{
+    uint32_t darks = 0, single = 0;
+    for (uint32_t i = 0; i < in->plan->n_conditions; i++) {
+        if (in->plan->conditions[i].dark)
+            darks = in->plan->conditions[i].repeats;
+        single += in->plan->conditions[i].light >= 0;
+    }
+    if (!darks || !single)
+        return;
+    /* the dark's error is common to all lights: N^2 sigma^2 / K against N sigma^2 of the frames */
+    double ratio = (double)single / darks;
+    out->dark_noise_share = ratio / (1 + ratio);
+    if (out->dark_noise_share > 0.9)
+        warn(out, "darks: with %u of them %.0f %% of a relit picture's noise power comes from the "
+                  "darks; %u would halve it",
+             darks, 100 * out->dark_noise_share, single);
+}
+
+static void warn_of_calibration(const struct ls_preflight_input *in, struct ls_preflight *out)
+{
+    if (!in->calibration) {
+        warn(out, "no calibration: the take can be photographed and stored, not promoted or relit");
+        return;
+    }
+    for (uint32_t i = 0; i < in->plan->n_conditions; i++) {
+        const struct ls_plan_condition *c = &in->plan->conditions[i];
+        if (c->lights.kind != LS_CONDITION_SPHERE)
+            continue;
+        const char *name = in->config->channels[c->channel].name;
+        double duty = c->lights.leds[0].level / 65535.0;
+        int channel = ls_calibration_channel(in->calibration, name);
+        if (channel < 0 ||
+            !(ls_calibration_factor(in->calibration, (uint32_t)channel, "sphere", duty) > 0))
+            warn(out, "%s at duty %.5f is not calibrated: the take will be marked uncalibrated",
+                 c->id, duty);
+    }
+}
+
+static void warn_of_cameras(const struct ls_preflight_input *in, struct ls_preflight *out)
+{
+    for (uint32_t k = 0; k < in->config->n_cameras; k++) {
+        if (in->cameras[k]->unverified[0])
+            warn(out, "camera %u cannot set or prove: %.300s", k, in->cameras[k]->unverified);
+        if (!in->cameras[k]->packet_socket)
+            warn(out, "camera %u is received over UDP: without CAP_NET_RAW a busy machine loses "
+                      "more packets",
+                 k);
+    }
+}
+
+enum ls_err ls_preflight_check(const struct ls_preflight_input *in, struct ls_preflight *out,
+                               struct ls_diag *diag)
+{
+    *out = (struct ls_preflight){ .conditions = in->plan->n_conditions,
+                                  .steps = in->plan->n_steps,
+                                  .shots = in->plan->n_steps * in->config->n_cameras,
+                                  .seconds = seconds(in->plan),
+                                  .bytes = ls_preflight_bytes(in),
+                                  .disk_free_bytes = in->disk_free_bytes };
+    enum ls_err err = check_rig(in, diag);
+    if (!err)
+        err = check_program(in, diag);
+    if (!err)
+        err = check_bracket(in, diag);
+    if (!err)
+        err = check_flashing(in, diag);
+    if (err)
+        return err;
+    warn_of_darks(in, out);
+    warn_of_calibration(in, out);
+    warn_of_cameras(in, out);
+    if (out->bytes + in->config->reserve_bytes > in->disk_free_bytes)
+        return ls_fail(diag, LS_ERR_FULL,
+                       "the take needs %.1f MB and %.1f MB stay reserved, but only %.1f MB are "
+                       "free in %s: make room or choose another storage folder",
+                       (double)out->bytes / 1e6, (double)in->config->reserve_bytes / 1e6,
+                       (double)in->disk_free_bytes / 1e6, in->config->storage);
+    return LS_OK;
+}

@@ -1,0 +1,385 @@
+#include "daemon/take.h"
+
+#include "core/exr.h"
+#include "daemon/preflight.h"
+#include "daemon/rig.h"
+#include "daemon/store.h"
+#include "daemon/take_json.h"
+#include "daemon/takedir.h"
+
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/statvfs.h>
+#include <time.h>
+
+enum { DARK_LIMIT_BYTES = 1 << 30 };
+
+struct ls_take {
+    const struct ls_take_context *context;
+    struct ls_plan *plan;
+    struct ls_rig rig;
+    struct ls_store *store;
+    struct ls_capture *capture;
+    uint8_t *done;       /* per condition, of a resumed take */
+    float **darks;       /* [camera * n_exposures + exposure], of a resumed take */
+};
+
+static double reference_exposure_s(const struct ls_take *take)
+{
+    const struct ls_config_camera *c = &take->context->config->cameras[0];
+    double offset = c->driver.exposure == LS_EXPOSURE_WIDTH ? c->exposure_offset_us : 0;
+    return (take->plan->pulse_us[take->plan->n_exposures - 1] + offset) * 1e-6;
+}
+
+static enum ls_err preflight(struct ls_take *take, struct ls_preflight *out, uint64_t *need_bytes,
+                             struct ls_diag *diag)
+{
+    const struct ls_config *config = take->context->config;
+    struct statvfs fs;
+    if (statvfs(config->storage, &fs))
+        return ls_fail(diag, LS_ERR_NOT_FOUND, "storage folder %s: %m", config->storage);
+    const struct ls_preflight_input in = {
+        .config = config,
+        .plan = take->plan,
+        .lights = ls_lights_info(take->rig.lights),
+        .cameras = take->rig.camera_infos,
+        .calibration = take->context->calibration,
+        .disk_free_bytes = (uint64_t)fs.f_bavail * fs.f_frsize,
+    };
+    *need_bytes = ls_preflight_bytes(&in);
+    return ls_preflight_check(&in, out, diag);
+}
+
+static enum ls_err prepare(const struct ls_take_context *context, const char *plan_text,
+                           struct ls_take **out, struct ls_preflight *report, uint64_t *need_bytes,
+                           struct ls_diag *diag)
+{
+    struct ls_take *take = calloc(1, sizeof *take);
+    if (!take)
+        return ls_fail(diag, LS_ERR_NOMEM, "out of memory");
+    take->context = context;
+    enum ls_err err = ls_plan_parse(plan_text, context->config, &take->plan, diag);
+    if (!err)
+        err = ls_rig_open(context->config, &take->rig, diag);
+    if (!err)
+        err = preflight(take, report, need_bytes, diag);
+    if (err) {
+        ls_take_destroy(take);
+        return err;
+    }
+    *out = take;
+    return LS_OK;
+}
+
+enum ls_err ls_take_preflight(const struct ls_take_context *context, const char *plan_text,
+                              struct ls_preflight *out, struct ls_diag *diag)
+{
+    struct ls_take *take;
+    uint64_t need_bytes;
+    enum ls_err err = prepare(context, plan_text, &take, out, &need_bytes, diag);
+    if (!err)
+        ls_take_destroy(take);
+    return err;
+}
+
+static struct ls_take_document document(const struct ls_take *take, const char *plan_text)
+{
+    return (struct ls_take_document){
+        .config = take->context->config,
+        .plan = take->plan,
+        .plan_text = plan_text,
+        .lights = ls_lights_info(take->rig.lights),
+        .cameras = take->rig.camera_infos,
+        .reference_exposure_s = reference_exposure_s(take),
+        .calibration_json = take->context->calibration_json,
+    };
+}
+
+static enum ls_err create_store(struct ls_take *take, const char *name, const char *take_json,
+                                uint64_t need_bytes, struct ls_diag *diag)
+{
+    const struct ls_config *config = take->context->config;
+    const char **ids = calloc(take->plan->n_conditions, sizeof *ids);
+    if (!ids)
+        return ls_fail(diag, LS_ERR_NOMEM, "out of memory");
+    for (uint32_t i = 0; i < take->plan->n_conditions; i++)
+        ids[i] = take->plan->conditions[i].id;
+    const struct ls_store_config store = {
+        .root = config->storage,
+        .name = name,
+        .take_json = take_json,
+        .utc_s = time(NULL),
+        .n_cameras = config->n_cameras,
+        .n_shots = take->plan->n_steps * config->n_cameras,
+        .conditions = ids,
+        .n_conditions = take->plan->n_conditions,
+        .keep_raw = take->plan->keep_raw,
+        .need_bytes = need_bytes,
+        .spare_bytes = config->reserve_bytes,
+    };
+    enum ls_err err = ls_store_create(&store, &take->store, diag);
+    free(ids);
+    return err;
+}
+
+static enum ls_err create_capture(struct ls_take *take, struct ls_diag *diag)
+{
+    const struct ls_capture_setup setup = {
+        .config = take->context->config,
+        .plan = take->plan,
+        .lights = take->rig.lights,
+        .cameras = take->rig.cameras,
+        .store = take->store,
+        .reference_exposure_s = reference_exposure_s(take),
+        .condition_done = take->done,
+        .darks = (const float *const *)take->darks,
+    };
+    return ls_capture_create(&setup, &take->capture, diag);
+}
+
+enum ls_err ls_take_create(const struct ls_take_context *context, const char *name,
+                           const char *plan_text, struct ls_take **out, struct ls_diag *diag)
+{
+    struct ls_take *take;
+    struct ls_preflight report;
+    uint64_t need_bytes;
+    enum ls_err err = prepare(context, plan_text, &take, &report, &need_bytes, diag);
+    if (err)
+        return err;
+    const struct ls_take_document doc = document(take, plan_text);
+    LS_CLEANUP_FREE char *take_json = NULL;
+    err = ls_take_json_make(&doc, &take_json, diag);
+    if (!err)
+        err = create_store(take, name, take_json, need_bytes, diag);
+    if (!err)
+        err = create_capture(take, diag);
+    if (err) {
+        ls_take_destroy(take);
+        return err;
+    }
+    *out = take;
+    return LS_OK;
+}
+
+static enum ls_err load_dark(struct ls_take *take, const struct ls_takedir *dir,
+                             const struct ls_published *published, uint32_t camera,
+                             uint32_t exposure, struct ls_diag *diag)
+{
+    LS_CLEANUP_FREE uint8_t *bytes = NULL;
+    size_t n_bytes = 0;
+    struct ls_image image = { 0 };
+    enum ls_err err = ls_takedir_read(dir, published, &bytes, &n_bytes, diag);
+    if (!err)
+        err = ls_published_check(published, bytes, n_bytes, diag);
+    if (!err)
+        err = ls_exr_read(bytes, n_bytes, NULL, DARK_LIMIT_BYTES, &image, NULL, diag);
+    const struct ls_camera_info *info = take->rig.camera_infos[camera];
+    if (!err && (image.width != info->width || image.height != info->height ||
+                 image.n_channels != 1))
+        err = ls_fail(diag, LS_ERR_MISMATCH, "%s: %ux%u, the camera gives %ux%u", published->file,
+                      image.width, image.height, info->width, info->height);
+    if (err) {
+        ls_image_finish(&image);
+        return err;
+    }
+    take->darks[camera * take->plan->n_exposures + exposure] = image.pixels;
+    return LS_OK;
+}
+
+/* A condition is done when every camera's picture of it is published. */
+static enum ls_err find_done(struct ls_take *take, const struct ls_takedir *dir,
+                             struct ls_diag *diag)
+{
+    const struct ls_plan *plan = take->plan;
+    uint32_t n_cameras = take->context->config->n_cameras;
+    take->done = calloc(plan->n_conditions, sizeof *take->done);
+    take->darks = calloc((size_t)n_cameras * plan->n_exposures, sizeof *take->darks);
+    if (!take->done || !take->darks)
+        return ls_fail(diag, LS_ERR_NOMEM, "out of memory");
+    for (uint32_t i = 0; i < plan->n_conditions; i++) {
+        take->done[i] = 1;
+        for (uint32_t k = 0; k < n_cameras; k++) {
+            const struct ls_published *p = ls_takedir_find(dir, plan->conditions[i].id, k);
+            take->done[i] &= p != NULL;
+            enum ls_err err = p && plan->conditions[i].dark
+                                  ? load_dark(take, dir, p, k, plan->conditions[i].exposure, diag)
+                                  : LS_OK;
+            if (err)
+                return err;
+        }
+    }
+    return LS_OK;
+}
+
+static enum ls_err reopen(const struct ls_take_context *context, const struct ls_takedir *dir,
+                          struct ls_take **out, struct ls_diag *diag)
+{
+    LS_CLEANUP_FREE char *plan_text = NULL;
+    enum ls_err err = ls_take_json_plan(dir->take_json, &plan_text, diag);
+    struct ls_take *take = NULL;
+    struct ls_preflight report;
+    uint64_t need_bytes;
+    if (!err)
+        err = prepare(context, plan_text, &take, &report, &need_bytes, diag);
+    if (err)
+        return err;
+    const struct ls_take_document doc = document(take, plan_text);
+    err = ls_take_json_same_rig(dir->take_json, &doc, diag);
+    if (!err)
+        err = find_done(take, dir, diag);
+    if (!err)
+        err = ls_store_reopen(dir->folder, need_bytes, context->config->reserve_bytes, NULL,
+                              &take->store, diag);
+    if (!err)
+        err = create_capture(take, diag);
+    if (err) {
+        ls_take_destroy(take);
+        return err;
+    }
+    *out = take;
+    return LS_OK;
+}
+
+enum ls_err ls_take_reopen(const struct ls_take_context *context, const char *id,
+                           struct ls_take **out, struct ls_diag *diag)
+{
+    LS_CLEANUP_FREE char *folder = NULL;
+    struct ls_takedir *dir = NULL;
+    if (!ls_takedir_id_ok(id))
+        return ls_fail(diag, LS_ERR_INVALID,
+                       "\"%.80s\" is no take: expected a name as `take list` prints it", id);
+    if (asprintf(&folder, "%s/%s", context->config->storage, id) < 0)
+        return ls_fail(diag, LS_ERR_NOMEM, "out of memory");
+    enum ls_err err = ls_takedir_open(folder, &dir, diag);
+    if (err)
+        return err;
+    err = dir->state == LS_STORE_COMPLETE
+              ? ls_fail(diag, LS_ERR_STATE, "take %s is complete: nothing to resume", id)
+              : reopen(context, dir, out, diag);
+    ls_takedir_close(dir);
+    return err;
+}
+
+const char *ls_take_id(const struct ls_take *take)
+{
+    return ls_store_id(take->store);
+}
+
+/* "cam0/W-0137" of everything not published; NULL-terminated, (transfer full). */
+static char **list_missing(const struct ls_take *take, const struct ls_takedir *dir, size_t *n)
+{
+    uint32_t n_cameras = take->context->config->n_cameras;
+    char **out = calloc((size_t)take->plan->n_conditions * n_cameras + 1, sizeof *out);
+    *n = 0;
+    for (uint32_t i = 0; out && i < take->plan->n_conditions; i++)
+        for (uint32_t k = 0; k < n_cameras; k++)
+            if (!ls_takedir_find(dir, take->plan->conditions[i].id, k) &&
+                asprintf(&out[*n], "cam%u/%s", k, take->plan->conditions[i].id) > 0)
+                (*n)++;
+    return out;
+}
+
+static enum ls_take_state end_state(enum ls_err err, size_t n_missing)
+{
+    if (err == LS_ERR_ABORTED)
+        return LS_TAKE_ABORTED;
+    if (err)
+        return LS_TAKE_FAILED;
+    return n_missing ? LS_TAKE_INCOMPLETE : LS_TAKE_COMPLETE;
+}
+
+static enum ls_store_state store_state(enum ls_take_state state)
+{
+    switch (state) {
+    case LS_TAKE_COMPLETE:
+        return LS_STORE_COMPLETE;
+    case LS_TAKE_INCOMPLETE:
+        return LS_STORE_INCOMPLETE;
+    case LS_TAKE_ABORTED:
+        return LS_STORE_ABORTED;
+    default:
+        return LS_STORE_FAILED;
+    }
+}
+
+/* Say in take.json how it ended and what is missing; that itself can fail (disk gone). */
+static enum ls_err close_books(struct ls_take *take, enum ls_err ran, enum ls_take_state *state,
+                               char *first_missing, size_t room, struct ls_diag *diag)
+{
+    struct ls_takedir *dir = NULL;
+    size_t n_missing = 0;
+    enum ls_err err = ls_store_flush(take->store, diag);
+    if (!err)
+        err = ls_takedir_open(ls_store_folder(take->store), &dir, diag);
+    if (err)
+        return err;
+    char **missing = list_missing(take, dir, &n_missing);
+    *state = end_state(ran, n_missing);
+    snprintf(first_missing, room, "%zu of them, first %s", n_missing, n_missing ? missing[0] : "-");
+    const struct ls_store_end end = { .state = store_state(*state),
+                                      .missing = (const char *const *)missing,
+                                      .n_missing = n_missing };
+    err = missing ? ls_store_set_state(take->store, &end, diag) : LS_ERR_NOMEM;
+    for (size_t i = 0; i < n_missing; i++)
+        free(missing[i]);
+    free(missing);
+    ls_takedir_close(dir);
+    return err;
+}
+
+enum ls_take_state ls_take_run(struct ls_take *take, struct ls_capture_report *report,
+                               struct ls_diag *message)
+{
+    struct ls_diag why = { 0 }, books = { 0 };
+    enum ls_take_state state = LS_TAKE_FAILED;
+    char missing[128] = "";
+    *report = (struct ls_capture_report){ 0 };
+    enum ls_err err = ls_capture_run(take->capture, report, &why);
+    enum ls_err closed = close_books(take, err, &state, missing, sizeof missing, &books);
+    if (!closed)
+        closed = ls_store_close(take->store, &books);
+    else
+        ls_store_close(take->store, NULL);
+    take->store = NULL;
+    if (closed && !err) {
+        ls_fail(message, closed, "the take could not be written: %.400s", books.text);
+        return LS_TAKE_FAILED;
+    }
+    if (err)
+        ls_fail(message, err, "%s", why.text);
+    else if (state == LS_TAKE_INCOMPLETE)
+        ls_fail(message, LS_OK, "conditions missing after every repair: %s; resume to try again",
+                missing);
+    else
+        ls_fail(message, LS_OK, "%s%s", report->repaired[0] ? "complete; repaired: " : "complete",
+                report->repaired);
+    return state;
+}
+
+void ls_take_abort(struct ls_take *take)
+{
+    ls_capture_abort(take->capture);
+}
+
+void ls_take_progress(const struct ls_take *take, struct ls_capture_progress *out)
+{
+    ls_capture_progress(take->capture, out);
+}
+
+void ls_take_destroy(struct ls_take *take)
+{
+    if (!take)
+        return;
+    ls_capture_destroy(take->capture);
+    ls_store_close(take->store, NULL);
+    ls_rig_close(&take->rig);
+    if (take->darks)
+        for (size_t i = 0; i < (size_t)take->context->config->n_cameras * take->plan->n_exposures;
+             i++)
+            free(take->darks[i]);
+    free(take->darks);
+    free(take->done);
+    ls_plan_destroy(take->plan);
+    free(take);
+}

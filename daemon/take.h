@@ -1,0 +1,59 @@
+/*
+ * take: one take being made, from its plan to its folder.
+ * Layer: daemon. Threads: prepare and destroy on ls-main; run blocks a thread of its own; abort,
+ * progress and id from any. Ownership: configuration and calibration are (transfer none) and
+ * outlive the take; devices and store are the take's own.
+ */
+#ifndef LS_DAEMON_TAKE_H
+#define LS_DAEMON_TAKE_H
+
+#include "core/calibration.h"
+#include "core/error.h"
+#include "daemon/capture.h"
+#include "daemon/engine.h"
+
+struct ls_take;
+
+/** What takes are made with. */
+struct ls_take_context {
+    const struct ls_config *config;
+    const char *calibration_json;             /* NULL = none */
+    const struct ls_calibration *calibration; /* the same, parsed */
+};
+
+/**
+ * Open the devices and check the plan: everything of ls_engine_preflight. Nothing fires, nothing
+ * is written. Errors: those of ls_plan_parse, ls_rig_open, ls_preflight_check.
+ */
+LS_MUST_CHECK enum ls_err ls_take_preflight(const struct ls_take_context *context,
+                                            const char *plan_text, struct ls_preflight *out,
+                                            struct ls_diag *diag);
+
+/** Preflight, then make the folder and reserve its space. Errors as preflight, plus those of
+ * ls_store_create. (transfer full). */
+LS_MUST_CHECK enum ls_err ls_take_create(const struct ls_take_context *context, const char *name,
+                                         const char *plan_text, struct ls_take **out,
+                                         struct ls_diag *diag);
+
+/** Go on with the take in storage folder @id: its own plan, only what is not published. Errors:
+ * LS_ERR_NOT_FOUND, LS_ERR_STATE (complete), LS_ERR_MISMATCH (another rig), as create. */
+LS_MUST_CHECK enum ls_err ls_take_reopen(const struct ls_take_context *context, const char *id,
+                                         struct ls_take **out, struct ls_diag *diag);
+
+/** Folder name. (transfer none). */
+const char *ls_take_id(const struct ls_take *take);
+
+/**
+ * Photograph, store, close the books. Returns the state the take ended in, writes the report and a
+ * sentence for people: what was repaired, what is missing, or why it failed and what to do.
+ */
+enum ls_take_state ls_take_run(struct ls_take *take, struct ls_capture_report *report,
+                               struct ls_diag *message);
+
+void ls_take_abort(struct ls_take *take);
+void ls_take_progress(const struct ls_take *take, struct ls_capture_progress *out);
+
+/** Close devices and store. NULL is allowed; not while running. */
+void ls_take_destroy(struct ls_take *take);
+
+#endif
