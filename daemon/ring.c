@@ -1,0 +1,140 @@
+#include "daemon/ring.h"
+
+#include <errno.h>
+#include <stdatomic.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/mman.h>
+#include <unistd.h>
+
+enum { MAX_SLOTS = 1024 };
+
+struct ls_ring {
+    int fd;
+    unsigned char *base;
+    size_t stride, bytes;
+    uint32_t n;
+    bool locked;
+    _Atomic uint32_t queued;
+    _Atomic unsigned char *state; /* enum ls_slot_state per slot */
+};
+
+static enum ls_err map(struct ls_ring *ring, struct ls_diag *diag)
+{
+    ring->fd = memfd_create("lightstaged-ring", MFD_CLOEXEC);
+    if (ring->fd < 0)
+        return ls_fail(diag, LS_ERR_OS, "ring: memfd_create: %s", strerror(errno));
+    int err = posix_fallocate(ring->fd, 0, (off_t)ring->bytes);
+    if (err)
+        return ls_fail(diag, err == ENOSPC || err == ENOMEM ? LS_ERR_NOMEM : LS_ERR_OS,
+                       "ring: %zu bytes for %u slots: %s; use fewer ring_slots or a smaller region",
+                       ring->bytes, ring->n, strerror(err));
+    void *base = mmap(NULL, ring->bytes, PROT_READ | PROT_WRITE, MAP_SHARED | MAP_POPULATE,
+                      ring->fd, 0);
+    if (base == MAP_FAILED)
+        return ls_fail(diag, LS_ERR_OS, "ring: mmap of %zu bytes: %s", ring->bytes,
+                       strerror(errno));
+    ring->base = base;
+    ring->locked = mlock(base, ring->bytes) == 0;
+    return LS_OK;
+}
+
+enum ls_err ls_ring_create(uint32_t n_slots, size_t payload_bytes, struct ls_ring **out,
+                           struct ls_diag *diag)
+{
+    size_t page = (size_t)sysconf(_SC_PAGESIZE);
+    if (n_slots == 0 || n_slots > MAX_SLOTS || payload_bytes == 0 ||
+        payload_bytes > SIZE_MAX / MAX_SLOTS / 2)
+        return ls_fail(diag, LS_ERR_INVALID,
+                       "ring: %u slots of %zu bytes: expected 1 to %d slots, not empty", n_slots,
+                       payload_bytes, MAX_SLOTS);
+    struct ls_ring *ring = calloc(1, sizeof *ring);
+    if (!ring)
+        return LS_ERR_NOMEM;
+    ring->fd = -1;
+    ring->n = n_slots;
+    ring->stride = (payload_bytes + page - 1) / page * page;
+    ring->bytes = ring->stride * n_slots;
+    ring->state = calloc(n_slots, sizeof *ring->state);
+    enum ls_err err = ring->state ? map(ring, diag) : LS_ERR_NOMEM;
+    if (err) {
+        ls_ring_destroy(ring);
+        return err;
+    }
+    *out = ring;
+    return LS_OK;
+}
+
+struct ls_camera_slots ls_ring_slots(const struct ls_ring *ring)
+{
+    return (struct ls_camera_slots){.base = ring->base, .stride = ring->stride, .n = ring->n};
+}
+
+bool ls_ring_locked(const struct ls_ring *ring)
+{
+    return ring->locked;
+}
+
+const void *ls_ring_payload(const struct ls_ring *ring, uint32_t slot)
+{
+    return ring->base + ring->stride * slot;
+}
+
+void ls_ring_queue(struct ls_ring *ring)
+{
+    for (uint32_t i = 0; i < ring->n; i++)
+        atomic_store(&ring->state[i], LS_SLOT_QUEUED);
+    atomic_store(&ring->queued, ring->n);
+}
+
+static bool pass(struct ls_ring *ring, uint32_t slot, enum ls_slot_state from,
+                 enum ls_slot_state to)
+{
+    unsigned char expected = (unsigned char)from;
+    return slot < ring->n && atomic_compare_exchange_strong(&ring->state[slot], &expected,
+                                                            (unsigned char)to);
+}
+
+enum ls_err ls_ring_take(struct ls_ring *ring, uint32_t slot)
+{
+    if (!pass(ring, slot, LS_SLOT_QUEUED, LS_SLOT_TAKEN))
+        return LS_ERR_BUG;
+    atomic_fetch_sub(&ring->queued, 1);
+    return LS_OK;
+}
+
+enum ls_err ls_ring_hand(struct ls_ring *ring, uint32_t slot)
+{
+    return pass(ring, slot, LS_SLOT_TAKEN, LS_SLOT_HANDED) ? LS_OK : LS_ERR_BUG;
+}
+
+enum ls_err ls_ring_give_back(struct ls_ring *ring, uint32_t slot)
+{
+    if (!pass(ring, slot, LS_SLOT_TAKEN, LS_SLOT_QUEUED) &&
+        !pass(ring, slot, LS_SLOT_HANDED, LS_SLOT_QUEUED))
+        return LS_ERR_BUG;
+    atomic_fetch_add(&ring->queued, 1);
+    return LS_OK;
+}
+
+uint32_t ls_ring_queued(const struct ls_ring *ring)
+{
+    return atomic_load(&ring->queued);
+}
+
+enum ls_slot_state ls_ring_state(const struct ls_ring *ring, uint32_t slot)
+{
+    return (enum ls_slot_state)atomic_load(&ring->state[slot]);
+}
+
+void ls_ring_destroy(struct ls_ring *ring)
+{
+    if (!ring)
+        return;
+    if (ring->base)
+        munmap(ring->base, ring->bytes);
+    if (ring->fd >= 0)
+        close(ring->fd);
+    free((void *)ring->state);
+    free(ring);
+}
