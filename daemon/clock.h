@@ -32,9 +32,9 @@ struct ls_clock_pair {
 };
 
 struct ls_clock {
-    double nominal; /* ns of the reference per tick, without drift */
-    double floor;   /* ns: what a pair without delay is worth */
-    uint32_t n;     /* pairs ever added */
+    double nominal;                             /* ns of the reference per tick, without drift */
+    double floor;                               /* ns: what a pair without delay is worth */
+    uint32_t n;                                 /* pairs ever added */
     struct ls_clock_pair pairs[LS_CLOCK_PAIRS]; /* ring */
     /* the line: reference = ref0 + offset + (ticks - ticks0) * nominal * (1 + drift) */
     uint64_t ticks0, ref0;
@@ -42,20 +42,23 @@ struct ls_clock {
     double residual_rms; /* ns, of the pairs fitted, weighted */
 };
 
-/** No pairs yet. @hz: nominal ticks per second; @floor_ns: error of a perfect pair, > 0. RT-safe. */
+/** No pairs yet. @hz: nominal ticks per second; @floor_ns: error of a perfect pair, > 0. RT-safe.
+ */
 void ls_clock_init(struct ls_clock *clock, double hz, double floor_ns);
 
 /** Add a pair and refit. LS_ERR_INVALID if after < before. RT-safe. */
 enum ls_err ls_clock_add(struct ls_clock *clock, uint64_t ticks, uint64_t before_ns,
                          uint64_t after_ns);
 
-/** Reference time at @ticks, ns; needs at least one pair. Before the reference's zero: 0. RT-safe. */
+/** Reference time at @ticks, ns; needs at least one pair. Before the reference's zero: 0. RT-safe.
+ */
 double ls_clock_map(const struct ls_clock *clock, uint64_t ticks);
 
 /** Ticks at reference time @ref_ns, the inverse of ls_clock_map. RT-safe. */
 double ls_clock_inverse(const struct ls_clock *clock, double ref_ns);
 
-/** Drift against nominal in ppm; positive: reference time passes faster than the ticks say. RT-safe. */
+/** Drift against nominal in ppm; positive: reference time passes faster than the ticks say.
+ * RT-safe. */
 double ls_clock_drift_ppm(const struct ls_clock *clock);
 
 #endif

@@ -19,7 +19,7 @@
 struct ls_queue {
     unsigned char *records;
     size_t record_bytes;
-    uint32_t mask; /* capacity - 1 */
+    uint32_t mask;               /* capacity - 1 */
     _Atomic uint32_t head, tail; /* popped, pushed; they wrap */
 };
 

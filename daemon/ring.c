@@ -1,6 +1,7 @@
 #include "daemon/ring.h"
 
 #include <errno.h>
+#include <fcntl.h>
 #include <stdatomic.h>
 #include <stdlib.h>
 #include <string.h>
@@ -29,8 +30,8 @@ static enum ls_err map(struct ls_ring *ring, struct ls_diag *diag)
         return ls_fail(diag, err == ENOSPC || err == ENOMEM ? LS_ERR_NOMEM : LS_ERR_OS,
                        "ring: %zu bytes for %u slots: %s; use fewer ring_slots or a smaller region",
                        ring->bytes, ring->n, strerror(err));
-    void *base = mmap(NULL, ring->bytes, PROT_READ | PROT_WRITE, MAP_SHARED | MAP_POPULATE,
-                      ring->fd, 0);
+    void *base =
+        mmap(NULL, ring->bytes, PROT_READ | PROT_WRITE, MAP_SHARED | MAP_POPULATE, ring->fd, 0);
     if (base == MAP_FAILED)
         return ls_fail(diag, LS_ERR_OS, "ring: mmap of %zu bytes: %s", ring->bytes,
                        strerror(errno));
@@ -91,8 +92,8 @@ static bool pass(struct ls_ring *ring, uint32_t slot, enum ls_slot_state from,
                  enum ls_slot_state to)
 {
     unsigned char expected = (unsigned char)from;
-    return slot < ring->n && atomic_compare_exchange_strong(&ring->state[slot], &expected,
-                                                            (unsigned char)to);
+    return slot < ring->n &&
+           atomic_compare_exchange_strong(&ring->state[slot], &expected, (unsigned char)to);
 }
 
 enum ls_err ls_ring_take(struct ls_ring *ring, uint32_t slot)
