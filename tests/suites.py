@@ -1,0 +1,106 @@
+#!/usr/bin/python3 -B
+"""Build lightstaged and run its tests.
+
+usage: tests/run [SUITE]       (tests/run installs what is missing, then starts this program)
+
+  (none)    everything a developer wants before a commit: unit and integration tests, layer check
+  ci        the same, warnings as errors, with gcc and with clang, and a slice under ASan and UBSan
+  full      also the long variants of the random tests
+  sanitize  unit tests under AddressSanitizer and UndefinedBehaviorSanitizer
+"""
+import os
+import subprocess
+import sys
+import xml.etree.ElementTree as xml
+
+ROOT = os.path.dirname(os.path.dirname(os.path.abspath(__file__)))
+SANITIZE = ["-Db_sanitize=address,undefined", "-Db_lundef=false"]
+
+
+def say(text):
+    print(f"== {text}", flush=True)
+
+
+def call(*command, env=None):
+    return subprocess.run(command, cwd=ROOT, env={**os.environ, **(env or {})}).returncode
+
+
+def build(name, options=(), cc="gcc"):
+    """Configure and build; the tree's folder, or None."""
+    folder = os.path.join(ROOT, name)
+    say(f"building with {cc} into {name} {' '.join(options)}".rstrip())
+    if not os.path.exists(os.path.join(folder, "build.ninja")):
+        if call("meson", "setup", folder, ROOT, *options, env={"CC": cc}):
+            return None
+    return None if call("ninja", "-C", folder, "--quiet") else folder
+
+
+def count(folder):
+    """(passed, failed, skipped, names of the failed) of the last meson test run in folder."""
+    passed = failed = skipped = 0
+    names = []
+    path = os.path.join(folder, "meson-logs", "testlog.junit.xml")
+    for case in xml.parse(path).getroot().iter("testcase"):
+        if case.find("failure") is not None or case.find("error") is not None:
+            failed += 1
+            names.append(f"{case.get('classname')} {case.get('name')}")
+        elif case.find("skipped") is not None:
+            skipped += 1
+        else:
+            passed += 1
+    return passed, failed, skipped, names
+
+
+def meson_test(folder, selection, env=None):
+    log = os.path.join(folder, "meson-logs", "testlog.junit.xml")
+    if os.path.exists(log):
+        os.remove(log)
+    code = call("meson", "test", "-C", folder, "--no-rebuild", "--print-errorlogs",
+                *selection, env=env)
+    if not os.path.exists(log):
+        return 0, 1, 0, [f"no test ran in {folder}"]
+    result = count(folder)
+    if code and not result[1]:  # a program died before it could say which test failed
+        result = (result[0], 1, result[2], [f"meson test exited with {code}"])
+    return result
+
+
+def main():
+    suite = sys.argv[1] if len(sys.argv) > 1 else "default"
+    if suite in ("-h", "--help") or suite not in ("default", "ci", "full", "sanitize"):
+        print(__doc__)
+        return 0 if suite in ("-h", "--help") else 2
+    data = os.environ.get("LS_SHARED_DATA", os.path.join(ROOT, "..", "shared", "data"))
+    env = {"LS_SHARED_DATA": os.path.abspath(data)}
+    if suite == "full":
+        env["LS_TEST_FULL"] = "1"
+    strict = ["--werror"] if suite == "ci" else []
+    jobs = []
+    if suite != "sanitize":
+        jobs.append(("build" if suite != "ci" else "build-ci", strict, "gcc", ["--no-suite=slow"]))
+    if suite == "ci":
+        jobs.append(("build-clang", strict, "clang", []))
+    if suite in ("ci", "sanitize"):
+        jobs.append(("build-sanitize", SANITIZE, "clang", ["--no-suite=slow", "--no-suite=integration"]))
+        env["ASAN_OPTIONS"] = "detect_leaks=1"
+        env["UBSAN_OPTIONS"] = "halt_on_error=1:print_stacktrace=1"
+    total = [0, 0, 0]
+    broken = []
+    for name, options, cc, selection in jobs:
+        folder = build(name, options, cc)
+        result = (0, 1, 0, [f"{name} does not build"])
+        if folder and selection:
+            say(f"testing {name}")
+            result = meson_test(folder, selection, env)
+        elif folder:
+            result = (1, 0, 0, [])
+        total = [a + b for a, b in zip(total, result)]
+        broken += result[3]
+    for name in broken:
+        print(f"FAILED {name}")
+    print(f"{total[0]} passed, {total[1]} failed" + (f", {total[2]} skipped" if total[2] else ""))
+    return 1 if total[1] or not total[0] else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
