@@ -23,7 +23,7 @@ enum { LS_EXR_TILE_PX = 64 };
 enum ls_exr_type { LS_EXR_HALF, LS_EXR_FLOAT };
 
 /** How a sample lies in the caller's memory. */
-enum ls_exr_source {
+enum ls_exr_from {
     LS_EXR_FROM_HALF,  /* uint16_t, IEEE binary16 bits */
     LS_EXR_FROM_FLOAT, /* float; to half rounds to nearest even, past 65504 to infinity */
     LS_EXR_FROM_U8,    /* uint8_t, stored as its number: exact in half */
@@ -85,7 +85,7 @@ void ls_exr_attrs_finish(struct ls_exr_attrs *attrs);
 struct ls_exr_channel {
     const char *name; /* "Y", "R", "white.R" */
     enum ls_exr_type type;
-    enum ls_exr_source source;
+    enum ls_exr_from source;
     const void *pixels;        /* of the top left pixel */
     size_t pixel_stride_bytes; /* to the next pixel of a row, e.g. 12 for interleaved RGB floats */
     size_t row_stride_bytes;
@@ -156,6 +156,22 @@ uint64_t ls_exr_mosaic_bytes_max(uint32_t width, uint32_t height, enum ls_exr_ty
 LS_MUST_CHECK enum ls_err ls_exr_read(const void *bytes, size_t n_bytes, const char *layer,
                                       size_t limit_bytes, struct ls_image *image,
                                       struct ls_exr_attrs *attrs, struct ls_diag *diag);
+
+/** One single-channel part as stored, without conversion. */
+struct ls_exr_plane {
+    uint32_t width, height;
+    enum ls_exr_type type;
+    void *samples; /* (height, width) of uint16_t half bits or float */
+};
+
+/**
+ * Read a part's only channel bit for bit, whatever its layout and compression. @part: name, or
+ * NULL = the first. Limits, refusals and errors as ls_exr_read. plane->samples: (transfer full),
+ * free().
+ */
+LS_MUST_CHECK enum ls_err ls_exr_read_plane(const void *bytes, size_t n_bytes, const char *part,
+                                            size_t limit_bytes, struct ls_exr_plane *plane,
+                                            struct ls_diag *diag);
 
 /* ---- mapping ---- */
 

@@ -1,0 +1,133 @@
+#include "core/exr.h"
+#include "tests/core/shared_data.h"
+
+#include <glib.h>
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/resource.h>
+
+/* Images of up to 1000 x 1000 RGB floats are 12 MB; the rest is for the decoder's buffers. */
+static const size_t limit = 64 << 20;
+
+/* Refused or read; either way everything comes back to us, and refusals have their sentence. */
+static enum ls_err read_all_ways(const char *name, const void *bytes, size_t n)
+{
+    struct ls_image image;
+    struct ls_exr_attrs attrs = {0};
+    struct ls_exr_tiles tiles;
+    struct ls_exr_plane plane;
+    struct ls_diag diag = {0};
+    enum ls_err err = ls_exr_read(bytes, n, NULL, limit, &image, &attrs, &diag);
+    g_test_message("%s: %s%s", name, ls_err_name(err), diag.text);
+    g_assert_cmpint(err, !=, LS_ERR_BUG);
+    g_assert_true(!err == !*diag.text || !err);
+    if (!err)
+        g_assert_nonnull(image.pixels);
+    ls_image_finish(&image);
+    ls_exr_attrs_finish(&attrs);
+    if (!ls_exr_map_tiles(bytes, n, NULL, &tiles, NULL))
+        ls_exr_tiles_finish(&tiles);
+    if (!ls_exr_read_plane(bytes, n, NULL, limit, &plane, NULL))
+        free(plane.samples);
+    return err;
+}
+
+static size_t each_file(const char *relative, size_t *n_read)
+{
+    size_t count = 0;
+    char *folder = shared_data(relative);
+    GDir *dir = folder ? g_dir_open(folder, 0, NULL) : NULL;
+    for (const char *name; dir && (name = g_dir_read_name(dir));) {
+        char *path = g_build_filename(folder, name, NULL), *contents;
+        gsize n;
+        g_assert_true(g_file_get_contents(path, &contents, &n, NULL));
+        *n_read += read_all_ways(name, contents, n) == LS_OK;
+        count++;
+        g_free(contents);
+        g_free(path);
+    }
+    if (dir)
+        g_dir_close(dir);
+    g_free(folder);
+    return count;
+}
+
+static void test_damaged(void)
+{
+    size_t n_read = 0, n = each_file("openexr/Damaged", &n_read);
+    g_test_message("%zu files, %zu of them readable", n, n_read);
+    g_assert_true(n == 0 || n > 100);
+}
+
+static void test_valid(void)
+{
+    static const char *const folders[] = {"openexr/TestImages", "openexr/DisplayWindow",
+                                          "openexr/LuminanceChroma"};
+    for (size_t k = 0; k < G_N_ELEMENTS(folders); k++) {
+        size_t n_read = 0, n = each_file(folders[k], &n_read);
+        g_assert_cmpuint(n_read, ==, n);
+    }
+}
+
+static void test_luminance_chroma(void)
+{
+    static const char *const names[3] = {"Y", "RY", "BY"};
+    float value = 0.5f;
+    struct ls_exr_channel channels[3];
+    for (int c = 0; c < 3; c++)
+        channels[c] = (struct ls_exr_channel){names[c], LS_EXR_HALF, LS_EXR_FROM_FLOAT, &value, 4,
+                                              4};
+    struct ls_exr_part part = {.width = 1, .height = 1, .channels = channels, .n_channels = 3};
+    uint8_t *bytes;
+    size_t n;
+    struct ls_image image;
+    struct ls_diag diag = {0};
+    g_assert_cmpint(ls_exr_write(&part, 1, &bytes, &n, NULL), ==, LS_OK);
+    g_assert_cmpint(ls_exr_read(bytes, n, NULL, limit, &image, NULL, &diag), ==,
+                    LS_ERR_UNSUPPORTED);
+    g_assert_nonnull(strstr(diag.text, "convert to R G B"));
+    free(bytes);
+}
+
+/* Our own file with bytes changed at random, headers preferred. */
+static void test_mutations(void)
+{
+    guint32 seed = g_test_rand_int();
+    int rounds = g_getenv("LS_TEST_FULL") ? 200000 : 10000;
+    GRand *rand = g_rand_new_with_seed(seed);
+    static float pixels[70 * 66 * 3];
+    struct ls_image image = {70, 66, 3, pixels};
+    uint8_t *bytes;
+    size_t n;
+    g_test_message("seed %u", seed);
+    g_assert_cmpint(ls_exr_write_image(&image, LS_EXR_HALF, NULL, &bytes, &n, NULL), ==, LS_OK);
+    for (int k = 0; k < rounds; k++) {
+        uint8_t *copy = g_memdup2(bytes, n);
+        for (int flips = g_rand_int_range(rand, 1, 6); flips; flips--) {
+            size_t range = g_rand_int_range(rand, 0, 4) ? 420 : n;
+            copy[g_rand_int_range(rand, 8, (gint32)range)] = (uint8_t)g_rand_int(rand);
+        }
+        size_t cut = g_rand_int_range(rand, 0, 8) ? n : (size_t)g_rand_int_range(rand, 1, (gint32)n);
+        read_all_ways("mutation", copy, cut);
+        g_free(copy);
+    }
+    free(bytes);
+    g_rand_free(rand);
+}
+
+int main(int argc, char **argv)
+{
+    /* A reader that believes a hostile header runs into this wall: everything here fits well into
+     * 1 GiB of address space. Under AddressSanitizer the shadow alone is larger. */
+#if !defined(__SANITIZE_ADDRESS__)
+    struct rlimit wall = {(rlim_t)1 << 30, (rlim_t)1 << 30};
+    setrlimit(RLIMIT_AS, &wall);
+#endif
+    g_test_init(&argc, &argv, NULL);
+    g_test_add_func("/exr/damaged-files-are-refused-or-read-within-a-gigabyte", test_damaged);
+    g_test_add_func("/exr/valid-files-of-the-reference-collection-load", test_valid);
+    g_test_add_func("/exr/luminance-chroma-is-refused-with-a-sentence", test_luminance_chroma);
+    g_test_add_func("/exr/random-damage-never-crashes", test_mutations);
+    return g_test_run();
+}
