@@ -1,5 +1,5 @@
 /*
- * dark: statistics of K dark frames: mean and variance per pixel, clipped black, hot pixels.
+ * dark: statistics of K dark frames: mean and variance per pixel, clipped black, read noise.
  * Layer: core. Threads: one thread per object at a time. Ownership: the object owns its sums
  * (12 bytes per pixel), the caller every output.
  *
@@ -20,16 +20,10 @@ struct ls_dark;
 
 struct ls_dark_stats {
     uint32_t n_frames;
-    double mean_dn;         /* over pixels and frames */
-    double zero_fraction;   /* of samples at DN 0 */
-    double clipped_fraction;/* of samples at the format's largest DN */
-    double read_noise_dn;   /* 1 sigma of one frame, quantisation (1/12 DN^2) taken out; 0 if K < 2 */
-};
-
-/** Hot or noisy pixels, by index y width + x, ascending, without duplicates. */
-struct ls_pixel_list {
-    uint32_t n;
-    uint32_t *index; /* owned; NULL when n is 0 */
+    double mean_dn;          /* over pixels and frames */
+    double zero_fraction;    /* of samples at DN 0 */
+    double clipped_fraction; /* of samples at the format's largest DN */
+    double read_noise_dn;    /* 1 sigma of one frame without quantisation; 0 if K < 2 */
 };
 
 /** Largest share of samples at DN 0 that is not yet a clipped black level (method: 0.1 %). */
@@ -54,32 +48,14 @@ LS_MUST_CHECK enum ls_err ls_dark_mean(const struct ls_dark *dark, float *mean_d
 /** Unbiased variance per pixel of one frame, DN^2. LS_ERR_STATE with fewer than two frames. */
 LS_MUST_CHECK enum ls_err ls_dark_variance(const struct ls_dark *dark, float *variance_dn2);
 
-/** Numbers over the whole frame. The read noise is the root of the median pixel variance,
- * corrected for the bias of the median, so hot pixels do not move it. Errors: LS_ERR_STATE,
- * LS_ERR_NOMEM. */
+/** Numbers over the whole frame. The read noise is the root of the mean pixel variance,
+ * pixels above 36 times the median (and above 4 DN^2) left out, so hot ones do not move it.
+ * Errors: LS_ERR_STATE before the first frame, LS_ERR_NOMEM. */
 LS_MUST_CHECK enum ls_err ls_dark_stats(const struct ls_dark *dark, struct ls_dark_stats *stats);
 
 /** LS_ERR_INVALID with a sentence when the black level clips: zero_fraction >= LS_DARK_ZERO_LIMIT
  * (half of the noise is cut off and every mean is too high). */
 LS_MUST_CHECK enum ls_err ls_dark_check_black(const struct ls_dark_stats *stats,
                                               struct ls_diag *diag);
-
-/**
- * Hot pixels: mean above the second largest of its eight same-colour neighbours by more than
- * 8 robust sigmas (1.4826 times the median absolute difference from the neighbours' median) and
- * by at least 1 DN; and, with K >= 8, noisy ones: variance above 36 times the median variance.
- * Structure of ambient light wider than a pixel is not taken for a hot pixel.
- * Errors: LS_ERR_STATE before the first frame, LS_ERR_NOMEM. @list: (transfer full), free with
- * ls_pixel_list_finish.
- */
-LS_MUST_CHECK enum ls_err ls_dark_hot_pixels(const struct ls_dark *dark,
-                                             struct ls_pixel_list *list);
-
-/** Make @into the union of both lists. LS_ERR_NOMEM leaves it unchanged. */
-LS_MUST_CHECK enum ls_err ls_pixel_list_join(struct ls_pixel_list *into,
-                                             const struct ls_pixel_list *other);
-
-/** Frees the indices; an all-zero list is allowed. */
-void ls_pixel_list_finish(struct ls_pixel_list *list);
 
 #endif

@@ -12,10 +12,10 @@
  * sigma^2(t) = read_noise^2 + 1/12 + max(E t, 0) / electrons_per_dn, in DN^2, evaluated at an
  * estimate, never at the sample itself. The steps, per pixel:
  *   1. pooled: sum y / sum t over the unclipped samples (x < clip_dn); the optimum for shot noise;
- *   2. pooled again with w' from step 1, then once more the weights from that;
+ *   2. pooled again with w' from step 1, which is the optimum to second order;
  *   3. an exposure is *high* when it clipped or D + E t > range_high full_scale, *low* when
  *      D + E t < range_low full_scale, else in range;
- *   4. E over the in-range exposures with the same weights.
+ *   4. E over the in-range exposures, with w' from step 2.
  * Why the choice in step 3 adds no bias: the pooled estimate is efficient, so every unbiased
  * estimate T from a subset of its samples has Cov(T, pooled) = Var(pooled), hence
  * E[T | pooled] = pooled: whichever subset the pooled value selects, the mean stays. A choice by
@@ -100,7 +100,7 @@ LS_MUST_CHECK enum ls_err ls_merge_check(const struct ls_merge_params *params,
  * Merge rows [@first_row, @first_row + @n_rows) of an image. @params must have passed
  * ls_merge_check. Inputs are read in the band and, next to defective pixels, up to
  * 2 LS_MERGE_DEFECT_RINGS rows beyond it. Outputs are written in the band only; they overlap
- * nothing. @stats is added to (NULL is allowed). Uses about 40 KiB of stack. RT-safe.
+ * nothing. @stats is added to (NULL is allowed). Uses about 16 KiB of stack. RT-safe.
  */
 void ls_merge_rows(const struct ls_merge_params *params, const struct ls_merge_spans *spans,
                    uint32_t first_row, uint32_t n_rows, struct ls_merge_stats *stats);
