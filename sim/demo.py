@@ -13,21 +13,18 @@ sim/environment.json, compares everything with the simulator's truth, and prints
 status 0 only if every number holds. Nothing is left running.
 """
 import argparse
-import ctypes
 import json
 import os
 import shutil
 import signal
-import subprocess
 import sys
 import tempfile
 import time
 
-ROOT = os.path.dirname(os.path.dirname(os.path.abspath(__file__)))
-BUILD = os.path.join(ROOT, "build")
-STOP_SECONDS = 30
-SENSOR_MM = 11.26
-CHANNELS = "WRAGCBVH"
+import rig as stage
+
+BUILD = os.path.join(stage.ROOT, "build")
+ENVIRONMENT = os.path.join(stage.ROOT, "sim", "environment.json")
 
 PLAN = """subject = "still";
 exposures_us = [500, 2500, 12500];
@@ -41,143 +38,18 @@ def say(text):
     print(f"== {text}", flush=True)
 
 
-class Failed(Exception):
-    pass
-
-
-def run(*command, quiet=False):
-    done = subprocess.run(command, capture_output=quiet, text=True)
-    if done.returncode:
-        raise Failed(f"{os.path.basename(command[0])} exited with {done.returncode}"
-                     + (f": {done.stderr.strip()}" if quiet else ""))
-    return done.stdout
-
-
-def die_with_parent():
-    ctypes.CDLL(None).prctl(1, signal.SIGKILL)  # PR_SET_PDEATHSIG
-
-
-class Process:
-    """A child that says when it is ready, with its output in a log."""
-
-    def __init__(self, log, *command):
-        read, write = os.pipe()
-        self.name = os.path.basename(command[0])
-        self.log = log
-        with open(log, "w", encoding="utf-8") as out:
-            self.child = subprocess.Popen([*command, "--ready-fd", str(write)], stdout=out,
-                                          stderr=out, stdin=subprocess.DEVNULL, pass_fds=[write],
-                                          preexec_fn=die_with_parent)
-        os.close(write)
-        with os.fdopen(read, encoding="utf-8") as pipe:
-            line = pipe.readline()
-        if not line:
-            self.child.wait(STOP_SECONDS)
-            raise Failed(f"{self.name} did not start:\n{open(log, encoding='utf-8').read()}")
-        self.ready = json.loads(line)
-
-    def stop(self):
-        if self.child.poll() is None:
-            self.child.terminate()
-        try:
-            code = self.child.wait(STOP_SECONDS)
-        except subprocess.TimeoutExpired:
-            self.child.kill()
-            self.child.wait()
-            return f"{self.name} did not end within {STOP_SECONDS} s of SIGTERM"
-        return f"{self.name} ended with {code}" if code else None
-
-
 def build():
     say("building")
     if not os.path.exists(os.path.join(BUILD, "build.ninja")):
-        run("meson", "setup", BUILD, ROOT, quiet=True)
-    run("ninja", "-C", BUILD, "--quiet")
+        stage.call("meson", "setup", BUILD, stage.ROOT)
+    stage.call("ninja", "-C", BUILD, "--quiet", quiet=False)
 
 
-def program(path):
-    return os.path.join(BUILD, path)
-
-
-def write(path, text):
-    with open(path, "w", encoding="utf-8") as file:
-        file.write(text)
-
-
-def address():
-    """A loopback address of this run's own, so that runs side by side do not collide."""
-    pid = os.getpid()
-    return f"127.{64 + pid // 250 % 128}.{1 + pid % 250}.1"
-
-
-def write_simulator(folder, size, camera):
-    write(os.path.join(folder, "sim.conf"), f"""
-scene = {{ name = "stilllife"; seed = 1; }};
-cameras = ( {{ address = "{camera}"; width = {size}; height = {size}; cfa = "RG"; }} );
-controller = {{ port = 0; }};
-log = "shown.jsonl";
-""")
-
-
-def write_daemon(folder, size, camera, port, constants):
-    write(os.path.join(folder, "daemon.conf"), f"""
-storage = "takes";
-socket = "socket";
-rig = "rig.conf";
-calibration = "calibration.json";
-controller = {{ driver = "modbus"; address = "127.0.0.1"; port = {port}; timeout_ms = 2000; }};
-""")
-    channels = ", ".join('{ name = "%s"; kind = "%s"; }' %
-                         (c, "polariser" if c in "VH" else "spectrum") for c in CHANNELS)
-    write(os.path.join(folder, "rig.conf"), f"""
-name = "simulated dome";
-lights = {{ positions = "positions.csv"; axes = "right,up,towards"; unit = "m"; }};
-channels = ( {channels} );
-cameras = ( {{ name = "front"; address = "{camera}"; width = {size}; height = {size};
-    pixel_format = "{constants['pixel_format']}"; packet_size = 9000; max_fps = 72;
-    position_m = [0.0, 0.0, 1.6]; look_at_m = [0.0, 0.0, 0.0]; focal_length_mm = 50;
-    sensor_mm = [{SENSOR_MM}, {SENSOR_MM}]; range = [0.10, 0.85];
-    black_dn = {constants['black_dn']}; full_scale_dn = {constants['full_scale_dn']};
-    electrons_per_dn = {constants['electrons_per_dn']};
-    read_noise_dn = {constants['read_noise_dn']};
-    exposure_offset_us = {constants['exposure_offset_us']}; }} );
-""")
-
-
-def control(folder, *arguments, **options):
-    return run(program("clients/lightstagectl"), "--socket", os.path.join(folder, "socket"),
-               *arguments, **options)
-
-
-def photograph(folder):
-    write(os.path.join(folder, "plan.conf"), PLAN)
-    say("taking: 346 lights in white, 8 full spheres, darks, three exposures each")
+def relight(rig, take, name, *options):
     began = time.monotonic()
-    control(folder, "take", "start", "--name", "demo", "--plan", os.path.join(folder, "plan.conf"))
-    seconds = time.monotonic() - began
-    takes = json.loads(control(folder, "take", "list", "--json", quiet=True))["takes"]
-    say("verifying every checksum")
-    control(folder, "take", "verify", takes[-1]["id"])
-    return takes[-1]["id"], seconds
-
-
-def relight(folder, take, name, *options):
-    began = time.monotonic()
-    control(folder, "relight", take, os.path.join(ROOT, "sim", "environment.json"), "--raw",
-            "--output", os.path.join(folder, name + ".exr"),
-            "--png", os.path.join(folder, name + ".png"), *options)
+    rig.control("relight", take, ENVIRONMENT, "--raw", "--output", rig.path(name + ".exr"),
+                "--png", rig.path(name + ".png"), *options)
     return time.monotonic() - began
-
-
-def judge(folder, take):
-    say("judging against the simulator's truth")
-    return json.loads(run(
-        program("tests/lightstage-judge"), "--simulator", os.path.join(folder, "sim.conf"),
-        "--take", os.path.join(folder, "takes", take), "--log", os.path.join(folder, "shown.jsonl"),
-        "--environment", os.path.join(ROOT, "sim", "environment.json"),
-        "--relit", os.path.join(folder, "multispectral.exr"),
-        "--tristimulus", os.path.join(folder, "tristimulus.exr"),
-        "--sheet", os.path.join(folder, "contact-sheet.png"), quiet=True))
 
 
 def holds(r):
@@ -203,31 +75,29 @@ def table(result):
 
 
 def demo(folder, size):
-    camera = address()
-    write_simulator(folder, size, camera)
-    run(program("sim/lightstage-sim"), "describe", "--config", os.path.join(folder, "sim.conf"),
-        "--output", folder)
-    with open(os.path.join(folder, "calibration.json"), encoding="utf-8") as file:
-        constants = json.load(file)["camera"]
-    say(f"starting the simulated dome and its camera at {camera}")
-    dome = Process(os.path.join(folder, "sim.log"), program("sim/lightstage-sim"), "run",
-                   "--config", os.path.join(folder, "sim.conf"))
-    daemon = None
+    rig = stage.Rig(BUILD, folder, size)
+    say(f"starting the simulated dome, its camera at {rig.camera}, and the daemon")
     try:
-        write_daemon(folder, size, camera, dome.ready["modbus_port"], constants)
-        say("starting the daemon")
-        daemon = Process(os.path.join(folder, "daemon.log"), program("daemon/lightstaged"),
-                         "--config", os.path.join(folder, "daemon.conf"))
-        take, seconds = photograph(folder)
-        say("relighting")
-        relight_seconds = relight(folder, take, "multispectral")
-        relight(folder, take, "tristimulus", "--solve", "tristimulus")
+        rig.start()
+        say("taking: 346 lights in white, 8 full spheres, darks, three exposures each")
+        began = time.monotonic()
+        take = rig.start_take("demo", PLAN, quiet=False)
+        take_seconds = time.monotonic() - began
+        say("verifying every checksum")
+        rig.control("take", "verify", take)
+        say("relighting, in many spectra and in three")
+        relight_seconds = relight(rig, take, "multispectral")
+        relight(rig, take, "tristimulus", "--solve", "tristimulus")
     finally:
-        ended = [p.stop() for p in (daemon, dome) if p]
-    if any(ended):
-        raise Failed("; ".join(e for e in ended if e))
-    result = judge(folder, take)
-    result["take_wall_seconds"] = seconds
+        wrong = rig.stop()
+    if wrong:
+        raise stage.Failed("; ".join(wrong))
+    say("judging against the simulator's truth")
+    result = rig.judge(take, "--environment", ENVIRONMENT,
+                       "--relit", rig.path("multispectral.exr"),
+                       "--tristimulus", rig.path("tristimulus.exr"),
+                       "--sheet", rig.path("contact-sheet.png"))
+    result["take_wall_seconds"] = take_seconds
     result["relight_seconds"] = relight_seconds
     return result
 
@@ -257,12 +127,12 @@ def main():
         result["verdict"] = "failed" if wrong else "ok"
         table(result)
         if options.json:
-            write(options.json, json.dumps(result, indent=1) + "\n")
+            stage.write(options.json, json.dumps(result, indent=1) + "\n")
         for sentence in wrong:
             print(f"DOES NOT HOLD: {sentence}")
         print(f"verdict: {result['verdict']}")
         return 1 if wrong else 0
-    except (Failed, OSError, KeyError, ValueError) as error:
+    except (stage.Failed, OSError, KeyError, ValueError) as error:
         print(f"{error}\nverdict: failed", file=sys.stderr)
         return 1
     finally:
