@@ -68,25 +68,28 @@ static unsigned colour_at(const struct ls_field *f, uint32_t x, uint32_t y)
     return ls_cfa_channel(f->cfa, x, y);
 }
 
+float judge_stored(const struct ls_field *f, const struct ls_picture *picture, uint32_t x,
+                   uint32_t y)
+{
+    uint32_t tx = x / LS_TILE_SIDE, ty = y / LS_TILE_SIDE;
+    uint32_t left = f->width - tx * LS_TILE_SIDE;
+    uint32_t tile_width = left < LS_TILE_SIDE ? left : LS_TILE_SIDE;
+    const uint8_t *tile = picture->tiles[ty * ls_field_tiles_x(f) + tx];
+    uint16_t half = 0;
+    if (tile)
+        memcpy(&half, tile + 2 * ((y % LS_TILE_SIDE) * tile_width + x % LS_TILE_SIDE), sizeof half);
+    return ls_half_to_float(half);
+}
+
 /* E of one light over the window, as R: k E scale. */
 static void load_light(const struct ls_field *f, uint32_t light, const struct ls_demosaic_region *w,
                        float *out)
 {
     double gain = f->k[light] * f->scale;
-    for (uint32_t y = 0; y < w->height; y++) {
-        for (uint32_t x = 0; x < w->width; x++) {
-            uint32_t px = w->x + x, py = w->y + y;
-            uint32_t tx = px / LS_TILE_SIDE, ty = py / LS_TILE_SIDE;
-            uint32_t left = f->width - tx * LS_TILE_SIDE;
-            uint32_t tile_width = left < LS_TILE_SIDE ? left : LS_TILE_SIDE;
-            const uint8_t *tile = f->white[light].tiles[ty * ls_field_tiles_x(f) + tx];
-            uint16_t half = 0;
-            if (tile)
-                memcpy(&half, tile + 2 * ((py % LS_TILE_SIDE) * tile_width + px % LS_TILE_SIDE),
-                       sizeof half);
-            out[(size_t)y * w->width + x] = (float)(gain * ls_half_to_float(half));
-        }
-    }
+    for (uint32_t y = 0; y < w->height; y++)
+        for (uint32_t x = 0; x < w->width; x++)
+            out[(size_t)y * w->width + x] =
+                (float)(gain * judge_stored(f, &f->white[light], w->x + x, w->y + y));
 }
 
 static enum ls_err demosaic(const struct ls_field *f, const struct band *b, const float *mosaic,

@@ -39,6 +39,10 @@ struct judge_field_errors {
     double black_mean_sigma;    /* velvet under a constant map, channel W; in predicted sigmas */
 };
 
+/** The stored value of a picture's pixel. */
+float judge_stored(const struct ls_field *field, const struct ls_picture *picture, uint32_t x,
+                   uint32_t y);
+
 /** One sweep over lights and rows. Errors: LS_ERR_STATE (a spectrum lacks its sphere, a light its
  * picture), LS_ERR_INVALID (take and scene differ in size), LS_ERR_NOMEM. */
 LS_MUST_CHECK enum ls_err judge_field_errors(const struct judge *judge,
@@ -68,6 +72,11 @@ struct judge_labels {
  * LS_ERR_INVALID (a log that is none), LS_ERR_NOMEM. */
 LS_MUST_CHECK enum ls_err judge_check_labels(const struct ls_takedir *take, const char *log,
                                              struct judge_labels *out, struct ls_diag *diag);
+
+/** Pictures to look at: every spectrum's photographed full sphere, and the light nearest to
+ * camera-left above, in white; camera RGB. @spheres: [n_spectra]; ls_image_finish each. */
+LS_MUST_CHECK enum ls_err judge_view_field(const struct judge *judge, struct ls_image *spheres,
+                                           struct ls_image *light, struct ls_diag *diag);
 
 /** One picture of a contact sheet; camera RGB or mono, made to be looked at with @m (row-major,
  * NULL = none) and @gain. */

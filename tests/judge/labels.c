@@ -104,8 +104,9 @@ static bool wrong(const struct ls_take_facts *facts, const struct ls_ticket *t,
     if (!shown)
         snprintf(why, room, "shot %u (%s): no frame was exposed at camera time %llu", t->shot, c->id,
                  (unsigned long long)t->camera_ns);
-    else if (strcmp(shown->kind, kinds[c->kind]) || shown->light != light ||
-             shown->channel != channel)
+    else if (c->kind != LS_FACT_OTHER &&
+             (strcmp(shown->kind, kinds[c->kind]) || shown->light != light ||
+              shown->channel != channel))
         snprintf(why, room, "shot %u (%s): lit by %s light %lld channel %lld", t->shot, c->id,
                  shown->kind, (long long)shown->light, (long long)shown->channel);
     else if (fabs(shown->exposure_us - t->exposure_used_us) > 1) /* the controller's unit is 1 us */

@@ -99,3 +99,43 @@ enum ls_err judge_picture_error(const struct judge *judge, const struct ls_image
         *percent = 100 * sqrt(difference / total);
     return err;
 }
+
+/* A mapped mosaic as RGB. */
+static enum ls_err view(const struct ls_field *f, const struct ls_picture *picture,
+                        struct ls_image *out, struct ls_diag *diag)
+{
+    enum ls_err err = ls_image_init(out, f->width, f->height, JUDGE_COLOURS, IMAGE_LIMIT_BYTES,
+                                    diag);
+    for (uint32_t y = 0; y < f->height && !err; y++)
+        for (uint32_t x = 0; x < f->width; x++)
+            out->pixels[3 * ((size_t)y * f->width + x) + ls_cfa_channel(f->cfa, x, y)] =
+                judge_stored(f, picture, x, y);
+    return err ? err : through_mosaic(f, out, diag);
+}
+
+/* The light whose direction is closest to camera-left, above, in front. */
+static uint32_t key_light(const struct ls_field *f)
+{
+    static const float wanted[3] = { -0.58f, 0.58f, 0.58f };
+    uint32_t best = 0;
+    float nearest = -2;
+    for (uint32_t i = 0; i < f->n_lights; i++) {
+        const float *d = f->directions[i];
+        float cosine = d[0] * wanted[0] + d[1] * wanted[1] + d[2] * wanted[2];
+        if (cosine > nearest) {
+            nearest = cosine;
+            best = i;
+        }
+    }
+    return best;
+}
+
+enum ls_err judge_view_field(const struct judge *judge, struct ls_image *spheres,
+                             struct ls_image *light, struct ls_diag *diag)
+{
+    const struct ls_field *f = &judge->source->field;
+    enum ls_err err = view(f, &f->white[key_light(f)], light, diag);
+    for (uint32_t s = 0; s < f->n_spectra && !err; s++)
+        err = view(f, &f->sphere[s], &spheres[s], diag);
+    return err;
+}
