@@ -220,7 +220,7 @@ static void add_black(const struct sweep *s, const struct band *b, uint32_t ligh
     }
 }
 
-static void close_black(const struct sweep *s, struct tally *t, const struct band *b)
+static void close_black(struct tally *t, const struct band *b)
 {
     for (size_t j = 0; j < pixels(&b->rows); j++) {
         if (b->black_variance[j] <= 0)
@@ -303,7 +303,7 @@ static enum ls_err judge_band(struct sweep *s, struct tally *t, uint32_t index, 
     for (uint32_t i = 0; i < s->field->n_lights && !err; i++)
         err = judge_light(s, t, &b, i, diag);
     if (!err)
-        close_black(s, t, &b);
+        close_black(t, &b);
     free_band(&b);
     return err;
 }

@@ -99,8 +99,8 @@ static bool wrong(const struct ls_take_facts *facts, const struct ls_ticket *t,
 {
     const struct ls_condition_fact *c = &facts->conditions[t->condition];
     static const char *const kinds[] = { "", "dark", "one", "sphere" };
-    int64_t channel = c->kind == LS_FACT_ONE || c->kind == LS_FACT_SPHERE ? c->channel : -1;
-    int64_t light = c->kind == LS_FACT_ONE ? c->light : -1;
+    int64_t channel = c->kind == LS_FACT_ONE || c->kind == LS_FACT_SPHERE ? (int64_t)c->channel : -1;
+    int64_t light = c->kind == LS_FACT_ONE ? (int64_t)c->light : -1;
     if (!shown)
         snprintf(why, room, "shot %u (%s): no frame was exposed at camera time %llu", t->shot, c->id,
                  (unsigned long long)t->camera_ns);
