@@ -160,8 +160,10 @@ static inline struct reference reference_merge(const struct ls_merge_params *p, 
                 pick = i;
     long double t = p->exposure_s[pick], y = x[pick] - (long double)d[pick];
     long double fs = p->full_scale_dn;
-    r.validity = in ? LS_VALIDITY_OK
-                    : high == n ? LS_VALIDITY_SATURATED : high ? LS_VALIDITY_GAP : LS_VALIDITY_DARK;
+    r.validity = in          ? LS_VALIDITY_OK
+                 : high == n ? LS_VALIDITY_SATURATED
+                 : high      ? LS_VALIDITY_GAP
+                             : LS_VALIDITY_DARK;
     r.e = (in ? sum / norm : y / t) / fs;
     r.scale = (in ? absolute / norm : fabsl(y) / t) / fs;
     r.variance = (in ? 1 / norm : model_variance(p, y) / (t * t)) / (fs * fs);

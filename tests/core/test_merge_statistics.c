@@ -18,7 +18,12 @@ static const struct sensor sensors[] = {
     {"12 bit", "Mono12p", 2.5, 2.0, 64.2, 3, {0.0005, 0.002, 0.0125}},
     {"8 bit, high gain", "Mono8", 6, 1.2, 12.6, 3, {0.001, 0.003, 0.009}},
     {"10 bit, high read noise", "Mono10", 15, 6, 40.4, 3, {0.001, 0.0025, 0.006}},
-    {"eight exposures", "Mono12", 4, 3, 100.7, 8,
+    {"eight exposures",
+     "Mono12",
+     4,
+     3,
+     100.7,
+     8,
      {1e-5, 2e-5, 4e-5, 8e-5, 1.6e-4, 3.2e-4, 6.4e-4, 1.28e-3}},
 };
 
@@ -112,7 +117,7 @@ static void test_bias(void)
         double worst = 0;
         init(&image, s);
         double fs = image.p.full_scale_dn;
-        for (uint32_t i = 0; i < s->n; i += s->n > 3 ? 3 : 1)
+        for (uint32_t i = 0; i<s->n; i += s->n> 3 ? 3 : 1)
             for (int step = 0; step < STEPS; step++) {
                 static const double edges[] = {0.10, 0.85, 1.0};
                 for (int e = 0; e < 3; e++) {
@@ -121,8 +126,7 @@ static void test_bias(void)
                         check_bias(&image, s, radiance, &noise, &worst);
                 }
             }
-        g_test_message("%s: largest bias beyond two standard errors %.4f %%", s->name,
-                       100 * worst);
+        g_test_message("%s: largest bias beyond two standard errors %.4f %%", s->name, 100 * worst);
         image_finish(&image);
     }
 }
