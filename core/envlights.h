@@ -8,12 +8,12 @@
  * share their cell equally; a tie goes to the lowest light. Every solid angle of a texel is exact
  * (dphi (cos t0 - cos t1)) and every part of it goes to exactly one cell, so the sum of weights is
  * the integral of the map to rounding (1e-12 relative), whatever the map: a constant 1 gives 4 pi,
- * a sun of one texel keeps its energy. A single cell's share is resolved to 4e-4 rad along its
- * border, better than 1e-3 of a cell of a 346-light dome.
+ * a sun of one texel keeps its energy. Inside a texel a cell's border is followed to 1.5e-3 rad and
+ * cut straight there, corners to 4e-4 rad: better than 1e-4 of a cell of a 346-light dome.
  *
  * Rotation turns the lights, never the map, so it neither resamples nor drifts: @rotation is a
  * row-major matrix R that turns the environment (a direction d of the map is seen at R d), NULL =
- * identity. Directions need not be normalised; 1 <= n <= 65536.
+ * identity. Directions need not be normalised; 1 <= n <= 16384.
  */
 #ifndef LS_CORE_ENVLIGHTS_H
 #define LS_CORE_ENVLIGHTS_H
@@ -39,9 +39,9 @@ LS_MUST_CHECK enum ls_err ls_envlights_map(const float (*directions)[3], size_t 
 
 /**
  * weights[n][lobes->n]: each lobe's radiance (without its spectrum) integrated over each cell, so
- * that a light's spectrum is the sum over lobes of weight x spectrum. A lobe is cut into equal
- * parts of its energy in its own frame, 1024 by quantile of the angle times 512 around, so its
- * energy 2 pi a (1 - exp(-2 k)) / k is kept exactly at any sharpness.
+ * that a light's spectrum is the sum over lobes of weight x spectrum. Cells are followed in the
+ * lobe's own frame, in parts of its energy, so its energy 2 pi a (1 - exp(-2 k)) / k is kept at any
+ * sharpness, and a lobe narrower than a cell is cut as finely as a broad one.
  */
 LS_MUST_CHECK enum ls_err ls_envlights_lobes(const float (*directions)[3], size_t n,
                                              const double *rotation,

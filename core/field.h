@@ -8,6 +8,8 @@
  * rows are as wide as the border leaves), which is how OpenEXR stores it. A tile pointer may have
  * any alignment; NULL means "empty under every light": all zero.
  *
+ * Spectra are the channels of kind spectrum, white first; polarised groups are none of them.
+ *
  * Units. A stored half is E x referenceExposure, E *ungained*. With k the brightness gain of an
  * LED, R = k E scale is the field under a uniform light from each direction, where the scale makes
  * a 100 % Lambertian facing a white light of unit irradiance read 1/pi in green (mono: its
@@ -40,7 +42,7 @@ struct ls_field {
     uint32_t n_lights, n_spectra, n_channels; /* spectrum 0 is white; channels 3 (Bayer), 1 (mono) */
     uint32_t width, height;                   /* px */
     enum ls_cfa cfa;
-    double scale;                 /* R = k E scale, for stored E */
+    double scale;                 /* R = scale k stored: the calibration's scale / referenceExposure */
     const struct ls_picture *white;   /* [n_lights] */
     const struct ls_picture *sphere;  /* [n_spectra], photographed full spheres; may be NULL */
     const double *k;              /* [n_spectra][n_lights] */

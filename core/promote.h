@@ -17,8 +17,8 @@
  * 17 x 17 pixels, and at last the constant p(s)/p(0) of a spectrally flat surface. Each level h
  * trusts its own quotient by q = smoothstep((V_h/sigma_h - 4) / 6), 0 below 4 sigma, 1 from 10 on:
  *     r_h = q F_h/V_h + (1 - q) r_(h+1)
- * with a quotient that departs from the next level's by more than a factor 8 limited to it, where
- * q < 1. The result is finite for any input: a sample of F or V that is not finite counts as not
+ * where a quotient that is trusted only in part (q < 1) is limited to +-8 times the larger of
+ * |r_(h+1)| and p(s)/p(0). The result is finite for any input: a sample of F or V that is not finite counts as not
  * measured (V = 0). Negative V, negative F are honest noise and need nothing special.
  */
 #ifndef LS_CORE_PROMOTE_H
@@ -30,7 +30,7 @@
 #include <stddef.h>
 #include <stdint.h>
 
-enum { LS_RATIO_HALO_PX = 10 }; /* pixels around a ratio's own that it may depend on */
+enum { LS_RATIO_HALO_PX = 8 }; /* pixels around a ratio's own that it may depend on */
 
 enum ls_promote_reference {
     LS_REFERENCE_WEIGHTED, /* V: the white field with the spectrum's strengths */
@@ -46,7 +46,8 @@ double ls_promote_sphere_factor(const struct ls_field *field, uint32_t s);
 /**
  * Noise of V from the field's model: sigma[j] = sqrt(read sum r^2 + dark (sum r)^2
  * + shot max(r) max(V, 0)), r the weight row (PAPER: one photograph times f = factor/duty, r = f).
- * Demosaicing changes a sample's noise by less than 2 and is not modelled. n values.
+ * Demosaicing changes a sample's noise by a factor below 2 and correlates neighbours; neither is
+ * modelled. n values.
  */
 void ls_promote_sigma(const struct ls_field *field, const float *row, size_t n_row, const float *v,
                       size_t n, float *sigma);

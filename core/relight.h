@@ -55,12 +55,16 @@ LS_MUST_CHECK enum ls_err ls_accumulate(const struct ls_field *field,
                                         const struct ls_tile_region *region, float *sums,
                                         struct ls_accumulate_report *report, struct ls_diag *diag);
 
-/** The inner kernel: acc[q][j] += sum over n <= 8 pictures of w[q][i] half_i[j], j < count <= 64.
- * Returns how many halves were not finite. */
+enum { LS_ACCUMULATE_GROUP = 8 }; /* pictures per partial sum */
+
+/** The inner kernel: acc[q * acc_stride + j] += sum over i < 8 of w[q][i] half_i[j], for q < n_sums
+ * and j < count <= 64. @halfs: 8 rows of @count halves, any alignment. Returns how many were not
+ * finite. */
 struct ls_accumulate_kernel {
     const char *name; /* "c", "f16c" */
-    unsigned (*rows)(const void *const *halfs, const float *const *w, uint32_t n, uint32_t n_sums,
-                     uint32_t count, float *acc, size_t acc_stride);
+    unsigned (*rows)(const void *const halfs[LS_ACCUMULATE_GROUP],
+                     const float (*w)[LS_ACCUMULATE_GROUP], uint32_t n_sums, uint32_t count,
+                     float *acc, size_t acc_stride);
 };
 
 /** The fastest kernel of this CPU whose name is not masked; @mask NULL, or a name to leave out

@@ -87,6 +87,16 @@ LS_MUST_CHECK enum ls_err ls_daylight(double kelvin, struct ls_spectrum *out);
  */
 void ls_rec709_functionals(struct ls_spectrum out[3]);
 
+/**
+ * The same in the unit of a camera: scaled so that the D65 light whose reading ls_spectrum_dot(s,
+ * @green) is 1 has rgb (1, 1, 1). Sensitivities and spectra of a calibration share an arbitrary
+ * unit; this makes radiance 1 of a map the radiance 1 of the field. LS_ERR_INVALID if @green sees
+ * nothing of D65.
+ */
+LS_MUST_CHECK enum ls_err ls_rec709_functionals_for(const struct ls_spectrum *green,
+                                                    struct ls_spectrum out[3],
+                                                    struct ls_diag *diag);
+
 /** What ls_spectrum_smoothest found. */
 struct ls_smoothest {
     bool reachable;   /* the spectrum reproduces the RGB within 1e-6 of its norm */
@@ -101,9 +111,11 @@ struct ls_smoothest {
  * the spectrum locus, negative) gives the spectrum whose RGB is nearest in the Euclidean norm,
  * smoothest among those, with @report->reachable false and the distance in residual.
  *
- * A strictly convex QP (the equalities enter as a penalty of weight 1e10, which leaves 1e-7 of
- * the norm at most) solved by block principal pivoting with Murty's least-index rule as safeguard
+ * A strictly convex QP (the equalities enter as a penalty of weight 1e12, sharpened by the method
+ * of multipliers until less than 1e-6 of the norm is missed) solved by block principal pivoting with Murty's one-index rule as safeguard
  * (Judice and Pires 1994; Portugal, Judice and Vicente, Math. Comp. 63, 1994), which is finite.
+ * A single line, above all below 400 or above 710 nm, lies so close to the border of what is
+ * possible that up to 1e-4 of the norm may be missed; anything of 16 nm width or more is met.
  * Homogeneous: scaling rgb scales s. @report may be NULL.
  * Errors: LS_ERR_INVALID (not finite, functionals linearly dependent), LS_ERR_NOMEM.
  */

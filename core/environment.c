@@ -1,0 +1,203 @@
+#include "core/environment.h"
+
+#include <jansson.h>
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+void ls_latlong_direction(double u, double v, double d[3])
+{
+    double theta = M_PI * v, phi = 2 * M_PI * (u - 0.5);
+    d[0] = sin(theta) * sin(phi);
+    d[1] = cos(theta);
+    d[2] = -sin(theta) * cos(phi);
+}
+
+void ls_latlong_uv(const double d[3], double *u, double *v)
+{
+    *v = acos(fmin(1, fmax(-1, d[1]))) / M_PI;
+    *u = 0.5 + atan2(d[0], -d[2]) / (2 * M_PI);
+    if (*u >= 1)
+        *u = 0;
+}
+
+double ls_lobe_radiance(const struct ls_lobe *lobe, const double d[3])
+{
+    double cosine = d[0] * lobe->direction[0] + d[1] * lobe->direction[1] +
+                    d[2] * lobe->direction[2];
+    return lobe->radiance * exp(lobe->sharpness * (fmin(cosine, 1) - 1));
+}
+
+void ls_lobes_eval(const struct ls_lobes *lobes, const double d[3], struct ls_spectrum *out)
+{
+    memset(out, 0, sizeof *out);
+    for (size_t l = 0; l < lobes->n; l++) {
+        double a = ls_lobe_radiance(&lobes->item[l], d);
+        for (int i = 0; i < LS_SPECTRUM_N; i++)
+            out->v[i] += a * lobes->item[l].spectrum.v[i];
+    }
+}
+
+static uint32_t texel(double t, uint32_t n)
+{
+    double x = floor(t * n);
+    return x < 0 ? 0 : x >= n ? n - 1 : (uint32_t)x;
+}
+
+void ls_map_eval(const struct ls_map *map, const double d[3], double rgb[3])
+{
+    double u, v;
+    ls_latlong_uv(d, &u, &v);
+    size_t at = (size_t)texel(v, map->height) * map->width + texel(u, map->width);
+    for (int c = 0; c < 3; c++)
+        rgb[c] = (double)map->rgb[3 * at + (size_t)c];
+}
+
+/* --- JSON --- */
+
+static enum ls_err number(const json_t *json, size_t lobe, const char *key, double least,
+                          double *out, struct ls_diag *diag)
+{
+    *out = json_is_number(json) ? json_number_value(json) : NAN;
+    if (!isfinite(*out) || *out < least)
+        return ls_fail(diag, LS_ERR_INVALID, "environment: lobe %zu: \"%s\": expected a %s", lobe,
+                       key, least >= 0 ? "number >= 0" : "finite number");
+    return LS_OK;
+}
+
+static enum ls_err parse_direction(const json_t *json, size_t lobe, double out[3],
+                                   struct ls_diag *diag)
+{
+    double length = 0;
+    if (!json_is_array(json) || json_array_size(json) != 3)
+        return ls_fail(diag, LS_ERR_INVALID,
+                       "environment: lobe %zu: \"direction\": expected [x, y, z]", lobe);
+    for (size_t k = 0; k < 3; k++) {
+        enum ls_err err =
+            number(json_array_get(json, k), lobe, "direction", -INFINITY, &out[k], diag);
+        if (err)
+            return err;
+        length = hypot(length, out[k]);
+    }
+    if (!(length > 1e-100 && length < 1e100))
+        return ls_fail(diag, LS_ERR_INVALID,
+                       "environment: lobe %zu: \"direction\" has length %g: expected a direction",
+                       lobe, length);
+    for (size_t k = 0; k < 3; k++)
+        out[k] /= length;
+    return LS_OK;
+}
+
+static enum ls_err parse_samples(const json_t *nm, const json_t *value, size_t n, size_t lobe,
+                                 double *samples, struct ls_diag *diag)
+{
+    enum ls_err err = LS_OK;
+    for (size_t k = 0; !err && k < n; k++) {
+        err = number(json_array_get(nm, k), lobe, "wavelength_nm", 0, &samples[k], diag);
+        if (!err)
+            err = number(json_array_get(value, k), lobe, "value", 0, &samples[n + k], diag);
+    }
+    return err;
+}
+
+static enum ls_err parse_spectrum(const json_t *json, size_t lobe, struct ls_spectrum *out,
+                                  struct ls_diag *diag)
+{
+    const json_t *nm = json_object_get(json, "wavelength_nm");
+    const json_t *value = json_object_get(json, "value");
+    size_t n = json_array_size(nm);
+    if (n < 1 || json_array_size(value) != n)
+        return ls_fail(diag, LS_ERR_INVALID,
+                       "environment: lobe %zu: \"spectrum\": expected arrays \"wavelength_nm\" and "
+                       "\"value\" of equal length, found %zu and %zu",
+                       lobe, n, json_array_size(value));
+    if (n > LS_LOBE_MAX_SAMPLES)
+        return ls_fail(diag, LS_ERR_LIMIT, "environment: lobe %zu: %zu samples: expected at most "
+                                           "%d",
+                       lobe, n, LS_LOBE_MAX_SAMPLES);
+    LS_CLEANUP_FREE double *samples = calloc(2 * n, sizeof *samples);
+    if (!samples)
+        return ls_fail(diag, LS_ERR_NOMEM, "environment: out of memory");
+    struct ls_diag inner = {{0}};
+    enum ls_err err = parse_samples(nm, value, n, lobe, samples, diag);
+    if (err)
+        return err;
+    err = ls_spectrum_resample(samples, samples + n, n, out, &inner);
+    if (err)
+        return ls_fail(diag, err, "environment: lobe %zu: %.400s", lobe, inner.text);
+    return LS_OK;
+}
+
+static enum ls_err parse_lobe(const json_t *json, size_t index, struct ls_lobe *out,
+                              struct ls_diag *diag)
+{
+    enum ls_err err = LS_OK;
+    if (!json_is_object(json))
+        return ls_fail(diag, LS_ERR_INVALID, "environment: lobe %zu: expected an object", index);
+    err = parse_direction(json_object_get(json, "direction"), index, out->direction, diag);
+    if (!err)
+        err = number(json_object_get(json, "sharpness"), index, "sharpness", 0, &out->sharpness,
+                     diag);
+    if (!err)
+        err = number(json_object_get(json, "radiance"), index, "radiance", 0, &out->radiance, diag);
+    if (!err)
+        err = parse_spectrum(json_object_get(json, "spectrum"), index, &out->spectrum, diag);
+    return err;
+}
+
+static enum ls_err parse_root(const json_t *root, struct ls_lobes *lobes, struct ls_diag *diag)
+{
+    const json_t *format = json_object_get(root, "format");
+    const json_t *array = json_object_get(root, "lobes");
+    size_t n = json_array_size(array);
+    enum ls_err err = LS_OK;
+    if (!json_is_integer(format))
+        return ls_fail(diag, LS_ERR_INVALID, "environment: expected an object with \"format\": 1");
+    if (json_integer_value(format) != 1)
+        return ls_fail(diag, LS_ERR_UNSUPPORTED, "environment: format %lld: expected 1",
+                       (long long)json_integer_value(format));
+    if (n < 1)
+        return ls_fail(diag, LS_ERR_INVALID,
+                       "environment: \"lobes\": expected an array of at least one lobe");
+    if (n > LS_LOBES_MAX)
+        return ls_fail(diag, LS_ERR_LIMIT, "environment: %zu lobes: expected at most %d", n,
+                       LS_LOBES_MAX);
+    lobes->item = calloc(n, sizeof *lobes->item);
+    if (!lobes->item)
+        return ls_fail(diag, LS_ERR_NOMEM, "environment: out of memory");
+    lobes->n = n;
+    for (size_t k = 0; !err && k < n; k++)
+        err = parse_lobe(json_array_get(array, k), k, &lobes->item[k], diag);
+    return err;
+}
+
+enum ls_err ls_lobes_parse_json(const char *text, size_t bytes, struct ls_lobes **out,
+                                struct ls_diag *diag)
+{
+    json_error_t where;
+    *out = NULL;
+    if (bytes > LS_LOBES_MAX_BYTES)
+        return ls_fail(diag, LS_ERR_LIMIT, "environment: %zu bytes: expected at most %d", bytes,
+                       LS_LOBES_MAX_BYTES);
+    json_t *root = json_loadb(text, bytes, JSON_REJECT_DUPLICATES, &where);
+    if (!root)
+        return ls_fail(diag, LS_ERR_INVALID, "environment: line %d, column %d: %s", where.line,
+                       where.column, where.text);
+    struct ls_lobes *lobes = calloc(1, sizeof *lobes);
+    enum ls_err err = lobes ? parse_root(root, lobes, diag)
+                            : ls_fail(diag, LS_ERR_NOMEM, "environment: out of memory");
+    json_decref(root);
+    if (err)
+        ls_lobes_destroy(lobes);
+    else
+        *out = lobes;
+    return err;
+}
+
+void ls_lobes_destroy(struct ls_lobes *lobes)
+{
+    if (!lobes)
+        return;
+    free(lobes->item);
+    free(lobes);
+}

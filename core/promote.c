@@ -1,0 +1,200 @@
+#include "core/promote.h"
+
+#include <float.h>
+#include <math.h>
+#include <stdbool.h>
+#include <stdlib.h>
+#include <string.h>
+
+enum { F, V, VARIANCE, PLANES };
+enum { SMALL_PX = 2, LARGE_PX = LS_RATIO_HALO_PX };
+static const double trust_from = 4, trust_all = 10; /* sigma */
+static const double departure = 8;
+
+void ls_promote_denominator_row(const struct ls_field *field, uint32_t s, float *row)
+{
+    const double *g = field->g + (size_t)s * field->n_lights;
+    for (uint32_t i = 0; i < field->n_lights; i++)
+        row[i] = (float)(g[i] * field->k[i]);
+}
+
+double ls_promote_sphere_factor(const struct ls_field *field, uint32_t s)
+{
+    return field->factor[s] / field->duty[s];
+}
+
+void ls_promote_sigma(const struct ls_field *field, const float *row, size_t n_row, const float *v,
+                      size_t n, float *sigma)
+{
+    double squares = 0, sum = 0, largest = 0;
+    for (size_t i = 0; i < n_row; i++) {
+        squares += (double)row[i] * (double)row[i];
+        sum += (double)row[i];
+        largest = fmax(largest, (double)row[i]);
+    }
+    double floor_variance =
+        field->noise.read_variance * squares + field->noise.dark_variance * sum * sum;
+    for (size_t j = 0; j < n; j++)
+        sigma[j] =
+            (float)sqrt(floor_variance + field->noise.shot * largest * fmax((double)v[j], 0));
+}
+
+/** F, V and the variance of V of one channel; 0 where not measured. */
+struct samples {
+    uint32_t width, height;
+    float *plane[PLANES];
+};
+
+/** Sums over a square window, row by row: horizontal sums of the last rows are kept in a ring. */
+struct window {
+    const struct samples *samples;
+    uint32_t radius, next_row; /* next row to be summed horizontally */
+    double *ring;              /* [2 radius + 1][PLANES][width] */
+    double *sum;               /* [PLANES][width], of the current row */
+};
+
+static enum ls_err window_init(struct window *window, const struct samples *samples,
+                               uint32_t radius)
+{
+    size_t row = (size_t)PLANES * samples->width;
+    *window = (struct window){.samples = samples, .radius = radius};
+    window->ring = calloc(row * (2 * radius + 1), sizeof *window->ring);
+    window->sum = calloc(row, sizeof *window->sum);
+    return window->ring && window->sum ? LS_OK : LS_ERR_NOMEM;
+}
+
+static void window_finish(struct window *window)
+{
+    free(window->ring);
+    free(window->sum);
+}
+
+static void sum_across(const float *in, uint32_t width, uint32_t radius, double *out)
+{
+    for (uint32_t x = 0; x < width; x++) {
+        uint32_t x0 = x > radius ? x - radius : 0;
+        uint32_t x1 = width - 1 - x < radius ? width - 1 : x + radius;
+        double sum = 0;
+        for (uint32_t j = x0; j <= x1; j++)
+            sum += (double)in[j];
+        out[x] = sum;
+    }
+}
+
+static double *ring_row(const struct window *window, uint32_t y)
+{
+    size_t slot = y % (2 * window->radius + 1);
+    return window->ring + slot * PLANES * window->samples->width;
+}
+
+/* rows must be asked for in order */
+static void window_row(struct window *window, uint32_t y)
+{
+    const struct samples *samples = window->samples;
+    uint32_t width = samples->width, radius = window->radius;
+    uint32_t y0 = y > radius ? y - radius : 0;
+    uint32_t y1 = samples->height - 1 - y < radius ? samples->height - 1 : y + radius;
+    for (; window->next_row <= y1; window->next_row++)
+        for (int k = 0; k < PLANES; k++)
+            sum_across(samples->plane[k] + (size_t)window->next_row * width, width, radius,
+                       ring_row(window, window->next_row) + (size_t)k * width);
+    memset(window->sum, 0, sizeof(double) * PLANES * width);
+    for (uint32_t row = y0; row <= y1; row++) {
+        const double *in = ring_row(window, row);
+        for (size_t j = 0; j < (size_t)PLANES * width; j++)
+            window->sum[j] += in[j];
+    }
+}
+
+/* one level of the hierarchy: the quotient f / v as far as it is trusted, else @next */
+static double level(double f, double v, double variance, double next, double neutral)
+{
+    double sigma = sqrt(variance), ratio = f / v;
+    if (!(v > 0) || !(v > trust_from * sigma) || !(fabs(ratio) <= (double)FLT_MAX))
+        return next;
+    if (v >= trust_all * sigma)
+        return ratio;
+    double limit = departure * fmax(fabs(next), neutral);
+    double t = (v / sigma - trust_from) / (trust_all - trust_from);
+    double q = t * t * (3 - 2 * t);
+    return q * fmax(-limit, fmin(limit, ratio)) + (1 - q) * next;
+}
+
+static double at_window(const struct window *window, uint32_t x, double next, double neutral)
+{
+    const double *sum = window->sum + x;
+    size_t width = window->samples->width;
+    return level(sum[F * width], sum[V * width], sum[VARIANCE * width], next, neutral);
+}
+
+static void ratio_rows(const struct samples *samples, struct window *small, struct window *large,
+                       double neutral, uint32_t channels, float *ratio)
+{
+    for (uint32_t y = 0; y < samples->height; y++) {
+        window_row(small, y);
+        window_row(large, y);
+        for (uint32_t x = 0; x < samples->width; x++) {
+            size_t j = (size_t)y * samples->width + x;
+            double r = at_window(large, x, neutral, neutral);
+            r = at_window(small, x, r, neutral);
+            r = level((double)samples->plane[F][j], (double)samples->plane[V][j],
+                      (double)samples->plane[VARIANCE][j], r, neutral);
+            ratio[j * channels] = (float)r;
+        }
+    }
+}
+
+static void gather(const float *f, const float *v, const float *sigma, uint32_t channels,
+                   struct samples *samples)
+{
+    size_t n = (size_t)samples->width * samples->height;
+    for (size_t j = 0; j < n; j++) {
+        float a = f[j * channels], b = v[j * channels], s = sigma[j * channels];
+        bool measured = isfinite(a) && isfinite(b) && s >= 0 && isfinite(s * s);
+        samples->plane[F][j] = measured ? a : 0;
+        samples->plane[V][j] = measured ? b : 0;
+        samples->plane[VARIANCE][j] = measured ? s * s : 0;
+    }
+}
+
+static enum ls_err check(uint32_t width, uint32_t height, uint32_t channels, const double *neutral,
+                         struct ls_diag *diag)
+{
+    if (width < 1 || height < 1 || (channels != 1 && channels != 3))
+        return ls_fail(diag, LS_ERR_INVALID,
+                       "ratio: %u x %u px of %u channels: expected at least 1 x 1 of 1 or 3", width,
+                       height, channels);
+    for (uint32_t c = 0; c < channels; c++)
+        if (!(neutral[c] > 0 && neutral[c] < (double)FLT_MAX))
+            return ls_fail(diag, LS_ERR_INVALID,
+                           "ratio: p(s)/p(0) of channel %u is %g: expected a positive number", c,
+                           neutral[c]);
+    return LS_OK;
+}
+
+enum ls_err ls_promote_ratio(const float *f, const float *v, const float *sigma, uint32_t width,
+                             uint32_t height, uint32_t channels, const double *neutral,
+                             float *ratio, struct ls_diag *diag)
+{
+    enum ls_err err = check(width, height, channels, neutral, diag);
+    if (err)
+        return err;
+    size_t n = (size_t)width * height;
+    LS_CLEANUP_FREE float *planes = calloc(n * PLANES, sizeof *planes);
+    if (!planes)
+        return ls_fail(diag, LS_ERR_NOMEM, "ratio: out of memory");
+    struct samples samples = {.width = width, .height = height,
+                              .plane = {planes, planes + n, planes + 2 * n}};
+    for (uint32_t c = 0; !err && c < channels; c++) {
+        struct window small = {0}, large = {0};
+        gather(f + c, v + c, sigma + c, channels, &samples);
+        err = window_init(&small, &samples, SMALL_PX);
+        if (!err)
+            err = window_init(&large, &samples, LARGE_PX);
+        if (!err)
+            ratio_rows(&samples, &small, &large, neutral[c], channels, ratio + c);
+        window_finish(&small);
+        window_finish(&large);
+    }
+    return err ? ls_fail(diag, err, "ratio: out of memory") : LS_OK;
+}

@@ -1,0 +1,376 @@
+#include "core/solve.h"
+
+#include <glib.h>
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+enum { COLS = 6, ROWS_MAX = 24 };
+
+/** A random system, and how it was made degenerate. */
+struct random_system {
+    double a[ROWS_MAX * COLS], b[ROWS_MAX], w[ROWS_MAX];
+    struct ls_system system;
+};
+
+static void make(struct random_system *r, GRand *rand, int kind)
+{
+    size_t rows = kind == 3 ? 3 : (size_t)g_rand_int_range(rand, COLS, ROWS_MAX + 1);
+    double direction[ROWS_MAX];
+    for (size_t i = 0; i < rows; i++) {
+        direction[i] = g_rand_double_range(rand, -1, 1);
+        r->b[i] = g_rand_double_range(rand, -1, 1);
+        r->w[i] = g_rand_double_range(rand, 0.1, 3);
+        for (size_t j = 0; j < COLS; j++)
+            r->a[i * COLS + j] = g_rand_double_range(rand, kind == 4 ? 0 : -1, 1);
+    }
+    for (size_t i = 0; i < rows; i++) {
+        double *row = r->a + i * COLS;
+        if (kind == 1) /* duplicated columns, one scaled by 1e6 */
+            row[2] = row[1], row[4] = 1e6 * row[1];
+        if (kind == 2) /* rank 1 */
+            for (size_t j = 0; j < COLS; j++)
+                row[j] = direction[i] * (double)(j + 1);
+        if (kind == 5) /* a zero column and an exact fit */
+            row[3] = 0, r->b[i] = row[0] + 2 * row[5];
+        if (kind == 6) /* ill scaled */
+            row[0] *= 1e-8, row[1] *= 1e8;
+    }
+    r->system = (struct ls_system){.rows = rows, .cols = COLS, .a = r->a, .b = r->b,
+                                   .row_weight = kind % 2 ? r->w : NULL,
+                                   .tikhonov = kind == 7 ? 1e-3 : 0};
+}
+
+static double cost(const struct ls_system *s, const double *x)
+{
+    long double sum = 0, trace = 0, size = 0;
+    for (size_t i = 0; i < s->rows; i++) {
+        long double r = -s->b[i], w = s->row_weight ? s->row_weight[i] : 1;
+        for (size_t j = 0; j < s->cols; j++) {
+            r += (long double)s->a[i * s->cols + j] * x[j];
+            trace += w * w * s->a[i * s->cols + j] * s->a[i * s->cols + j];
+        }
+        sum += w * w * r * r;
+    }
+    for (size_t j = 0; j < s->cols; j++)
+        size += (long double)x[j] * x[j];
+    return (double)(sum + s->tikhonov * trace / s->cols * size);
+}
+
+/* the least cost over all 2^6 sets of columns whose least-squares solution is non-negative */
+static double best_by_enumeration(const struct ls_system *s)
+{
+    double best = INFINITY, zero[COLS] = {0};
+    for (unsigned set = 0; set < 1u << COLS; set++) {
+        double a[(ROWS_MAX + COLS) * COLS], b[ROWS_MAX + COLS] = {0}, x[COLS], full[COLS] = {0};
+        double trace = 0;
+        size_t n = 0;
+        for (size_t j = 0; j < COLS; j++)
+            n += set >> j & 1;
+        if (n == 0) {
+            best = fmin(best, cost(s, zero));
+            continue;
+        }
+        memset(a, 0, sizeof a);
+        for (size_t i = 0; i < s->rows; i++) {
+            size_t at = 0;
+            double w = s->row_weight ? s->row_weight[i] : 1;
+            b[i] = w * s->b[i];
+            for (size_t j = 0; j < COLS; j++) {
+                trace += pow(w * s->a[i * COLS + j], 2);
+                if (set >> j & 1)
+                    a[i * n + at++] = w * s->a[i * COLS + j];
+            }
+        }
+        for (size_t j = 0; j < n; j++)
+            a[(s->rows + j) * n + j] = sqrt(s->tikhonov * trace / COLS);
+        struct ls_system sub = {.rows = s->rows + n, .cols = n, .a = a, .b = b};
+        g_assert_cmpint(ls_solve_least_squares(&sub, x, NULL, NULL), ==, LS_OK);
+        gboolean feasible = TRUE;
+        size_t at = 0;
+        for (size_t j = 0; j < COLS; j++)
+            if (set >> j & 1) {
+                full[j] = x[at++];
+                feasible &= full[j] >= 0;
+            }
+        if (feasible)
+            best = fmin(best, cost(s, full));
+    }
+    return best;
+}
+
+static int n_systems(void)
+{
+    return g_getenv("LS_TEST_FULL") ? 100000 : 2000;
+}
+
+static void test_nnls_is_the_best_of_all_active_sets(void)
+{
+    guint32 seed = (guint32)g_test_rand_int();
+    g_autoptr(GRand) rand = g_rand_new_with_seed(seed);
+    double worst_kkt = 0, worst_excess = 0;
+    g_test_message("seed %u", seed);
+    for (int k = 0; k < n_systems(); k++) {
+        struct random_system r;
+        struct ls_solution out;
+        double x[COLS];
+        make(&r, rand, k % 8);
+        double scale = 0;
+        for (size_t i = 0; i < r.system.rows; i++)
+            scale += r.b[i] * r.b[i] * (r.system.row_weight ? r.w[i] * r.w[i] : 1);
+        g_assert_cmpint(ls_solve_nnls(&r.system, x, &out, NULL), ==, LS_OK);
+        for (size_t j = 0; j < COLS; j++)
+            g_assert_true(x[j] >= 0 && isfinite(x[j]));
+        /* the promise of the header */
+        g_assert_cmpfloat(out.kkt, <=, 1e-10);
+        worst_kkt = fmax(worst_kkt, out.kkt);
+        double excess = (cost(&r.system, x) - best_by_enumeration(&r.system)) / scale;
+        worst_excess = fmax(worst_excess, excess);
+        /* the objective is flat at the optimum: a gradient of 1e-10 costs far less than this,
+         * columns of 1e8 and rounding of the reference itself included */
+        g_assert_cmpfloat(excess, <=, 1e-9);
+    }
+    g_test_message("largest KKT violation %.2g, excess over the best active set %.2g", worst_kkt,
+                   worst_excess);
+}
+
+static void test_least_squares_residual_is_orthogonal_to_the_columns(void)
+{
+    guint32 seed = (guint32)g_test_rand_int();
+    g_autoptr(GRand) rand = g_rand_new_with_seed(seed);
+    g_test_message("seed %u", seed);
+    for (int k = 0; k < 200; k++) {
+        struct random_system r;
+        double x[COLS];
+        make(&r, rand, (k % 3) * 2); /* plain, rank 1, positive */
+        r.system.row_weight = r.w;
+        g_assert_cmpint(ls_solve_least_squares(&r.system, x, NULL, NULL), ==, LS_OK);
+        for (size_t j = 0; j < COLS; j++) {
+            long double sum = 0;
+            for (size_t i = 0; i < r.system.rows; i++) {
+                long double e = -r.b[i];
+                for (size_t m = 0; m < COLS; m++)
+                    e += (long double)r.a[i * COLS + m] * x[m];
+                sum += e * r.w[i] * r.w[i] * r.a[i * COLS + j];
+            }
+            /* 24 terms of size 10, condition below 1e3 */
+            g_assert_cmpfloat(fabsl(sum), <, 1e-10L);
+        }
+    }
+}
+
+static void test_rank_deficient_least_squares_has_minimum_norm(void)
+{
+    const double a[] = {1, 1, 0, 2, 2, 0, 0, 0, 3}, b[] = {2, 4, 3};
+    struct ls_system system = {.rows = 3, .cols = 3, .a = a, .b = b};
+    struct ls_solution out;
+    double x[3];
+    g_assert_cmpint(ls_solve_least_squares(&system, x, &out, NULL), ==, LS_OK);
+    g_assert_cmpfloat_with_epsilon(x[0], 1, 1e-12); /* (2, 0) and (0, 2) fit as well */
+    g_assert_cmpfloat_with_epsilon(x[1], 1, 1e-12);
+    g_assert_cmpfloat_with_epsilon(x[2], 1, 1e-12);
+    g_assert_cmpuint(out.rank, ==, 2);
+    g_assert_true(isinf(out.condition));
+    g_assert_cmpfloat(out.relative, <, 1e-12);
+}
+
+static void test_condition_is_that_of_a_known_matrix(void)
+{
+    const double a[] = {3, 0, 0, 0.5, 0, 0}, b[] = {1, 1, 0};
+    struct ls_system system = {.rows = 3, .cols = 2, .a = a, .b = b};
+    struct ls_solution out;
+    double x[2];
+    g_assert_cmpint(ls_solve_nnls(&system, x, &out, NULL), ==, LS_OK);
+    g_assert_cmpfloat_with_epsilon(out.condition, 6, 1e-12);
+    g_assert_cmpuint(out.rank, ==, 2);
+}
+
+static void test_nnls_ties_go_to_the_lowest_index(void)
+{
+    /* three equal columns, differently scaled: scaling must not break the tie */
+    const double a[] = {2, 1, 5, 4, 2, 10}, b[] = {1, 2};
+    struct ls_system system = {.rows = 2, .cols = 3, .a = a, .b = b};
+    double x[3];
+    g_assert_cmpint(ls_solve_nnls(&system, x, NULL, NULL), ==, LS_OK);
+    g_assert_cmpfloat_with_epsilon(x[0], 0.5, 1e-12);
+    g_assert_cmpfloat(x[1], ==, 0);
+    g_assert_cmpfloat(x[2], ==, 0);
+}
+
+static void test_tikhonov_is_relative_to_the_mean_diagonal(void)
+{
+    const double a[] = {2, 0, 0, 4}, b[] = {2, 4}; /* mean diagonal (4 + 16) / 2 = 10 */
+    struct ls_system system = {.rows = 2, .cols = 2, .a = a, .b = b, .tikhonov = 0.1};
+    double x[2];
+    g_assert_cmpint(ls_solve_least_squares(&system, x, NULL, NULL), ==, LS_OK);
+    g_assert_cmpfloat_with_epsilon(x[0], 4.0 / 5, 1e-12);
+    g_assert_cmpfloat_with_epsilon(x[1], 16.0 / 17, 1e-12);
+    g_assert_cmpint(ls_solve_nnls(&system, x, NULL, NULL), ==, LS_OK);
+    g_assert_cmpfloat_with_epsilon(x[0], 4.0 / 5, 1e-12);
+}
+
+static void test_bad_systems_are_refused(void)
+{
+    double a[] = {1, 2}, b[] = {1}, x[2], w[] = {-1};
+    struct ls_system good = {.rows = 1, .cols = 2, .a = a, .b = b}, bad = good;
+    bad.rows = 0;
+    g_assert_cmpint(ls_solve_nnls(&bad, x, NULL, NULL), ==, LS_ERR_INVALID);
+    bad = good;
+    bad.cols = LS_SOLVE_MAX_COLS + 1;
+    g_assert_cmpint(ls_solve_nnls(&bad, x, NULL, NULL), ==, LS_ERR_INVALID);
+    bad = good;
+    bad.row_weight = w;
+    g_assert_cmpint(ls_solve_least_squares(&bad, x, NULL, NULL), ==, LS_ERR_INVALID);
+    bad = good;
+    bad.tikhonov = NAN;
+    g_assert_cmpint(ls_solve_least_squares(&bad, x, NULL, NULL), ==, LS_ERR_INVALID);
+    a[1] = INFINITY;
+    g_assert_cmpint(ls_solve_nnls(&good, x, NULL, NULL), ==, LS_ERR_INVALID);
+    a[0] = a[1] = b[0] = 0;
+    g_assert_cmpint(ls_solve_nnls(&good, x, NULL, NULL), ==, LS_OK);
+    g_assert_cmpfloat(x[0] + x[1], ==, 0);
+}
+
+/* --- lighting --- */
+
+enum { PATCHES = 24, SPECTRA = 6 };
+
+static void chart(double *l, size_t n_channels, GRand *rand)
+{
+    for (size_t k = 0; k < PATCHES * n_channels * SPECTRA; k++)
+        l[k] = g_rand_double_range(rand, 0.05, 1);
+}
+
+static const double m[9] = {1.768, -0.187, -0.329, -0.461, 1.780, -0.525, -0.139, -0.845, 2.882};
+
+static void test_the_stage_s_own_light_is_solved_exactly(void)
+{
+    g_autoptr(GRand) rand = g_rand_new_with_seed(7);
+    const double truth[SPECTRA] = {0.5, 0, 0.2, 1.5, 0, 0.1};
+    double l[PATCHES * 3 * SPECTRA], p[PATCHES * 3], alpha[SPECTRA];
+    chart(l, 3, rand);
+    for (size_t r = 0; r < PATCHES * 3; r++) {
+        p[r] = 0;
+        for (size_t s = 0; s < SPECTRA; s++)
+            p[r] += l[r * SPECTRA + s] * truth[s];
+    }
+    struct ls_lighting lighting = {.n_patches = PATCHES, .n_channels = 3, .n_spectra = SPECTRA,
+                                   .chart = l};
+    for (int with_m = 0; with_m < 2; with_m++) {
+        struct ls_solution out;
+        lighting.m = with_m ? m : NULL;
+        ls_lighting_defaults(&lighting);
+        g_assert_cmpint(ls_lighting_space(&lighting), ==,
+                        with_m ? LS_SOLVE_AFTER_M : LS_SOLVE_CAMERA_RAW);
+        g_assert_cmpint(ls_lighting_solve(&lighting, p, 0, alpha, &out, NULL), ==, LS_OK);
+        for (size_t s = 0; s < SPECTRA; s++)
+            /* condition below 100 */
+            g_assert_cmpfloat_with_epsilon(alpha[s], truth[s], 1e-12);
+        g_assert_cmpfloat(out.relative, <, 1e-12);
+        g_assert_cmpuint(out.rank, ==, SPECTRA);
+    }
+}
+
+/* Eq. 5: the error is measured after M, on both sides */
+static void test_m_is_applied_to_both_sides(void)
+{
+    g_autoptr(GRand) rand = g_rand_new_with_seed(8);
+    double l[PATCHES * 3 * SPECTRA], p[PATCHES * 3], a[PATCHES * 3 * SPECTRA], b[PATCHES * 3];
+    double alpha[SPECTRA], expected[SPECTRA];
+    chart(l, 3, rand);
+    for (size_t r = 0; r < PATCHES * 3; r++)
+        p[r] = g_rand_double_range(rand, 0.05, 1);
+    for (size_t k = 0; k < PATCHES; k++)
+        for (size_t c = 0; c < 3; c++) {
+            b[3 * k + c] = 0;
+            for (size_t d = 0; d < 3; d++)
+                b[3 * k + c] += m[3 * c + d] * p[3 * k + d];
+            for (size_t s = 0; s < SPECTRA; s++) {
+                double *to = &a[(3 * k + c) * SPECTRA + s];
+                *to = 0;
+                for (size_t d = 0; d < 3; d++)
+                    *to += m[3 * c + d] * l[(3 * k + d) * SPECTRA + s];
+            }
+        }
+    struct ls_system system = {.rows = PATCHES * 3, .cols = SPECTRA, .a = a, .b = b};
+    struct ls_lighting lighting = {.n_patches = PATCHES, .n_channels = 3, .n_spectra = SPECTRA,
+                                   .chart = l, .m = m};
+    ls_lighting_defaults(&lighting);
+    g_assert_cmpint(ls_solve_nnls(&system, expected, NULL, NULL), ==, LS_OK);
+    g_assert_cmpint(ls_lighting_solve(&lighting, p, 0, alpha, NULL, NULL), ==, LS_OK);
+    for (size_t s = 0; s < SPECTRA; s++)
+        g_assert_cmpfloat_with_epsilon(alpha[s], expected[s], 1e-12);
+}
+
+static void test_mono_solves_each_output_channel_alone(void)
+{
+    g_autoptr(GRand) rand = g_rand_new_with_seed(9);
+    double l[PATCHES * SPECTRA], p[PATCHES * 3], alpha[3 * SPECTRA];
+    double truth[3][SPECTRA];
+    chart(l, 1, rand);
+    for (size_t t = 0; t < 3; t++)
+        for (size_t s = 0; s < SPECTRA; s++)
+            truth[t][s] = g_rand_double_range(rand, -1, 1);
+    for (size_t k = 0; k < PATCHES; k++)
+        for (size_t t = 0; t < 3; t++) {
+            p[3 * k + t] = 0;
+            for (size_t s = 0; s < SPECTRA; s++)
+                p[3 * k + t] += l[k * SPECTRA + s] * truth[t][s];
+        }
+    struct ls_lighting lighting = {.n_patches = PATCHES, .n_channels = 1, .n_spectra = SPECTRA,
+                                   .chart = l};
+    ls_lighting_defaults(&lighting);
+    g_assert_cmpfloat(lighting.tikhonov, ==, 1e-3);
+    g_assert_cmpint(lighting.mode, ==, LS_SOLVE_PER_TARGET);
+    lighting.tikhonov = 0;
+    g_assert_cmpint(ls_lighting_solve(&lighting, p, 3, alpha, NULL, NULL), ==, LS_OK);
+    for (size_t t = 0; t < 3; t++)
+        for (size_t s = 0; s < SPECTRA; s++)
+            g_assert_cmpfloat_with_epsilon(alpha[t * SPECTRA + s], truth[t][s], 1e-11);
+    g_assert_cmpint(ls_lighting_solve(&lighting, p, 0, alpha, NULL, NULL), ==, LS_ERR_INVALID);
+}
+
+static void test_targets_are_light_times_reflectance_times_sensitivity(void)
+{
+    struct ls_spectrum grey, red = {{0}}, sensitivity[3], light, reflectance[2];
+    double p[6];
+    for (int i = 0; i < LS_SPECTRUM_N; i++) {
+        grey.v[i] = 0.5;
+        red.v[i] = i >= 40;
+        light.v[i] = 2;
+        sensitivity[0].v[i] = i >= 40 ? 1.0 / 200 : 0;
+        sensitivity[1].v[i] = 1.0 / 400;
+        sensitivity[2].v[i] = i < 40 ? 1.0 / 200 : 0;
+    }
+    reflectance[0] = grey;
+    reflectance[1] = red;
+    ls_lighting_targets(reflectance, 2, sensitivity, 3, &light, p);
+    g_assert_cmpfloat_with_epsilon(p[1], 1, 1e-12);   /* 0.5 x 2 x 400 / 400 */
+    g_assert_cmpfloat_with_epsilon(p[3], 2.025, 1e-12); /* 40.5 steps of 5 nm */
+    g_assert_cmpfloat(p[5], ==, 0);
+}
+
+int main(int argc, char **argv)
+{
+    g_test_init(&argc, &argv, NULL);
+    g_test_add_func("/nnls/is-the-best-of-all-active-sets",
+                    test_nnls_is_the_best_of_all_active_sets);
+    g_test_add_func("/nnls/ties-go-to-the-lowest-index", test_nnls_ties_go_to_the_lowest_index);
+    g_test_add_func("/least-squares/residual-is-orthogonal-to-the-columns",
+                    test_least_squares_residual_is_orthogonal_to_the_columns);
+    g_test_add_func("/least-squares/rank-deficient-has-minimum-norm",
+                    test_rank_deficient_least_squares_has_minimum_norm);
+    g_test_add_func("/solve/condition-is-that-of-a-known-matrix",
+                    test_condition_is_that_of_a_known_matrix);
+    g_test_add_func("/solve/tikhonov-is-relative-to-the-mean-diagonal",
+                    test_tikhonov_is_relative_to_the_mean_diagonal);
+    g_test_add_func("/solve/bad-systems-are-refused", test_bad_systems_are_refused);
+    g_test_add_func("/lighting/the-stage-s-own-light-is-solved-exactly",
+                    test_the_stage_s_own_light_is_solved_exactly);
+    g_test_add_func("/lighting/m-is-applied-to-both-sides", test_m_is_applied_to_both_sides);
+    g_test_add_func("/lighting/mono-solves-each-output-channel-alone",
+                    test_mono_solves_each_output_channel_alone);
+    g_test_add_func("/lighting/targets-are-light-times-reflectance-times-sensitivity",
+                    test_targets_are_light_times_reflectance_times_sensitivity);
+    return g_test_run();
+}
