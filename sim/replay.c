@@ -1,0 +1,95 @@
+#include "core/png.h"
+#include "sim/world.h"
+
+#include <dirent.h>
+#include <errno.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+enum { MAX_FILE_BYTES = 256 << 20 };
+
+static int is_png(const struct dirent *entry)
+{
+    size_t n = strlen(entry->d_name);
+    return n > 4 && !strcasecmp(entry->d_name + n - 4, ".png");
+}
+
+static enum ls_err read_file(const char *path, char **bytes, size_t *size, struct ls_diag *diag)
+{
+    FILE *file = fopen(path, "rb");
+    if (!file)
+        return ls_fail(diag, LS_ERR_NOT_FOUND, "%s: %s", path, strerror(errno));
+    fseek(file, 0, SEEK_END);
+    long end = ftell(file);
+    rewind(file);
+    *bytes = end > 0 && end <= MAX_FILE_BYTES ? malloc((size_t)end) : NULL;
+    *size = *bytes ? fread(*bytes, 1, (size_t)end, file) : 0;
+    fclose(file);
+    return *bytes ? LS_OK : ls_fail(diag, LS_ERR_INVALID, "%s: expected 1 byte to 256 MiB", path);
+}
+
+/* Luminance of linear Rec. 709; white is a 90 % diffuser facing a light. */
+static void to_radiance(const struct ls_image *image, float *out)
+{
+    size_t n = (size_t)image->width * image->height;
+    for (size_t i = 0; i < n; i++) {
+        const float *p = image->pixels + i * image->n_channels;
+        float y = image->n_channels == 1 ? p[0] : 0.2126f * p[0] + 0.7152f * p[1] + 0.0722f * p[2];
+        out[i] = y * (float)(0.9 / M_PI);
+    }
+}
+
+static enum ls_err load_image(struct sim_scene *scene, const char *name, uint32_t light,
+                              struct ls_diag *diag)
+{
+    char path[1400];
+    snprintf(path, sizeof path, "%s/%s", scene->config.replay_dir, name);
+    LS_CLEANUP_FREE char *bytes = NULL;
+    size_t size = 0;
+    struct ls_image image = {0};
+    struct ls_diag inner = {{0}};
+    enum ls_err err = read_file(path, &bytes, &size, diag);
+    if (err)
+        return err;
+    err = ls_png_read(bytes, size, !scene->config.replay_linear, MAX_FILE_BYTES, &image, &inner);
+    if (err)
+        return ls_fail(diag, err, "%s: %.400s", path, inner.text);
+    const struct sim_view *view = &scene->view[0];
+    if (image.width != view->width || image.height != view->height)
+        err = ls_fail(diag, LS_ERR_INVALID, "%s: has %u x %u px, the camera %u x %u", path,
+                      image.width, image.height, view->width, view->height);
+    else
+        to_radiance(&image, scene->replay + (size_t)light * view->width * view->height);
+    ls_image_finish(&image);
+    return err;
+}
+
+static enum ls_err check(const struct sim_scene *scene, int found, struct ls_diag *diag)
+{
+    if (scene->config.n_cameras != 1 || scene->colours[0] != 1 || scene->config.n_channels != 1)
+        return ls_fail(diag, LS_ERR_INVALID, "replay: expected one mono camera and one channel");
+    if (found < 0)
+        return ls_fail(diag, LS_ERR_NOT_FOUND, "%s: %s", scene->config.replay_dir, strerror(errno));
+    if ((uint32_t)found < scene->geometry.n_lights)
+        return ls_fail(diag, LS_ERR_INVALID, "%s: holds %d PNG images for %u lights",
+                       scene->config.replay_dir, found, scene->geometry.n_lights);
+    return LS_OK;
+}
+
+enum ls_err sim_replay_load(struct sim_scene *scene, struct ls_diag *diag)
+{
+    struct dirent **names = NULL;
+    int found = scandir(scene->config.replay_dir, &names, is_png, alphasort);
+    enum ls_err err = check(scene, found, diag);
+    size_t pixels = (size_t)scene->view[0].width * scene->view[0].height;
+    if (!err && !(scene->replay = calloc(pixels * scene->geometry.n_lights, sizeof(float))))
+        err = ls_fail(diag, LS_ERR_NOMEM, "out of memory for the images of %u lights",
+                      scene->geometry.n_lights);
+    for (uint32_t i = 0; i < scene->geometry.n_lights && !err; i++)
+        err = load_image(scene, names[i]->d_name, i, diag);
+    for (int i = 0; i < found; i++)
+        free(names[i]);
+    free(names);
+    return err;
+}

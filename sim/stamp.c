@@ -1,0 +1,117 @@
+#include "sim/stamp.h"
+
+#include "core/crc32c.h"
+
+#include <string.h>
+
+enum {
+    GRID = 16,
+    RECORD_BYTES = 28,
+    STAMP_BYTES = 32,
+};
+
+static const float dark_level = 0.2f, light_level = 0.7f;
+
+static void put(uint8_t *at, uint32_t value, int bytes)
+{
+    for (int i = 0; i < bytes; i++)
+        at[i] = (uint8_t)(value >> (8 * i));
+}
+
+static uint32_t get(const uint8_t *at, int bytes)
+{
+    uint32_t value = 0;
+    for (int i = 0; i < bytes; i++)
+        value |= (uint32_t)at[i] << (8 * i);
+    return value;
+}
+
+static void encode(const struct sim_stamp *s, uint8_t bytes[STAMP_BYTES])
+{
+    put(bytes, s->kind, 2);
+    put(bytes + 2, s->n_leds, 2);
+    put(bytes + 4, s->light, 2);
+    put(bytes + 6, s->channel, 1);
+    put(bytes + 7, s->camera, 1);
+    put(bytes + 8, s->condition, 4);
+    put(bytes + 12, s->step, 4);
+    put(bytes + 16, s->exposure_ns_10, 4);
+    put(bytes + 20, s->lit_ns_10, 4);
+    put(bytes + 24, s->sequence, 4);
+    put(bytes + RECORD_BYTES, ls_crc32c(0, bytes, RECORD_BYTES), 4);
+}
+
+static void decode(const uint8_t bytes[STAMP_BYTES], struct sim_stamp *s)
+{
+    *s = (struct sim_stamp){
+        .kind = (uint16_t)get(bytes, 2),
+        .n_leds = (uint16_t)get(bytes + 2, 2),
+        .light = (uint16_t)get(bytes + 4, 2),
+        .channel = bytes[6],
+        .camera = bytes[7],
+        .condition = get(bytes + 8, 4),
+        .step = get(bytes + 12, 4),
+        .exposure_ns_10 = get(bytes + 16, 4),
+        .lit_ns_10 = get(bytes + 20, 4),
+        .sequence = get(bytes + 24, 4),
+    };
+}
+
+static uint32_t block_px(uint32_t width, uint32_t height)
+{
+    return (width < height ? width : height) / GRID;
+}
+
+static enum ls_err check_size(uint32_t width, uint32_t height, struct ls_diag *diag)
+{
+    if (block_px(width, height) >= 2)
+        return LS_OK;
+    return ls_fail(diag, LS_ERR_INVALID, "a stamp needs 32 x 32 px, the image has %u x %u", width,
+                   height);
+}
+
+enum ls_err sim_stamp_draw(const struct sim_stamp *stamp, uint32_t width, uint32_t height,
+                           float *image, struct ls_diag *diag)
+{
+    enum ls_err err = check_size(width, height, diag);
+    if (err)
+        return err;
+    uint8_t bytes[STAMP_BYTES];
+    encode(stamp, bytes);
+    uint32_t block = block_px(width, height);
+    for (uint32_t y = 0; y < height; y++)
+        for (uint32_t x = 0; x < width; x++) {
+            uint32_t column = x / block, row = y / block, bit = row * GRID + column;
+            int lit = column < GRID && row < GRID && bytes[bit / 8] >> (bit % 8) & 1;
+            image[(size_t)y * width + x] = lit ? light_level : dark_level;
+        }
+    return LS_OK;
+}
+
+static int read_bit(const uint16_t *dn, uint32_t width, uint32_t block, uint32_t bit,
+                    uint32_t full_scale)
+{
+    uint32_t margin = block / 4, side = block - 2 * margin;
+    uint32_t x0 = bit % GRID * block + margin, y0 = bit / GRID * block + margin;
+    uint64_t sum = 0;
+    for (uint32_t y = y0; y < y0 + side; y++)
+        for (uint32_t x = x0; x < x0 + side; x++)
+            sum += dn[(size_t)y * width + x];
+    return (double)sum > 0.5 * (dark_level + light_level) * full_scale * side * side;
+}
+
+enum ls_err sim_stamp_read(const uint16_t *dn, uint32_t width, uint32_t height,
+                           uint32_t full_scale_dn, struct sim_stamp *out, struct ls_diag *diag)
+{
+    enum ls_err err = check_size(width, height, diag);
+    if (err)
+        return err;
+    uint8_t bytes[STAMP_BYTES] = {0};
+    for (uint32_t bit = 0; bit < 8 * STAMP_BYTES; bit++)
+        bytes[bit / 8] |= (uint8_t)(read_bit(dn, width, block_px(width, height), bit,
+                                             full_scale_dn) << (bit % 8));
+    if (get(bytes + RECORD_BYTES, 4) != ls_crc32c(0, bytes, RECORD_BYTES))
+        return ls_fail(diag, LS_ERR_MISMATCH, "the image carries no legible stamp");
+    decode(bytes, out);
+    return LS_OK;
+}
