@@ -48,6 +48,8 @@ struct ls_journal_batch {
     size_t n, capacity;
 };
 
+/** Errors of the adders: LS_ERR_NOMEM; LS_ERR_INVALID for a time that is not finite;
+ * LS_ERR_LIMIT for a line that is too long. The batch is then as it was. */
 LS_MUST_CHECK enum ls_err ls_journal_add_ticket(struct ls_journal_batch *batch,
                                                 const struct ls_ticket *ticket);
 LS_MUST_CHECK enum ls_err ls_journal_add_published(struct ls_journal_batch *batch,
@@ -56,6 +58,10 @@ LS_MUST_CHECK enum ls_err ls_journal_add_alarm(struct ls_journal_batch *batch, u
                                                const char *text);
 LS_MUST_CHECK enum ls_err ls_journal_add_state(struct ls_journal_batch *batch, uint64_t host_ns,
                                                const char *state);
+
+/** Append all records of @other. */
+LS_MUST_CHECK enum ls_err ls_journal_add_batch(struct ls_journal_batch *batch,
+                                               const struct ls_journal_batch *other);
 
 void ls_journal_batch_finish(struct ls_journal_batch *batch);
 

@@ -90,7 +90,7 @@ struct ls_take_report {
 };
 
 /** Re-read every published file and count tickets against the plan. Returns LS_OK if it could look,
- * whatever it found; LS_ERR_NOMEM, LS_ERR_OS otherwise. @report: finish it. */
+ * whatever it found, raw frames of the last good tickets included; LS_ERR_NOMEM, LS_ERR_OS otherwise. @report: finish it. */
 LS_MUST_CHECK enum ls_err ls_takedir_verify(const struct ls_takedir *take,
                                             struct ls_take_report *report, struct ls_diag *diag);
 
