@@ -54,3 +54,8 @@ bool ls_queue_pop(struct ls_queue *queue, void *record)
     atomic_store_explicit(&queue->head, head + 1, memory_order_release);
     return true;
 }
+
+bool ls_queue_is_empty(const struct ls_queue *queue)
+{
+    return atomic_load(&queue->head) == atomic_load(&queue->tail);
+}

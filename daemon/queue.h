@@ -36,4 +36,7 @@ bool ls_queue_push(struct ls_queue *queue, const void *record);
 /** False: empty, @record is untouched. RT-safe. */
 bool ls_queue_pop(struct ls_queue *queue, void *record);
 
+/** RT-safe. */
+bool ls_queue_is_empty(const struct ls_queue *queue);
+
 #endif

@@ -1,0 +1,51 @@
+/*
+ * credit: how far the controller may run ahead of the frames, and when to stay dark instead.
+ * Layer: daemon. Threads: ls-seq; pure logic. Ownership: none.
+ *
+ * granted - settled <= queued - 4 for every camera, where settled counts steps with a verdict and
+ * queued the slots its driver holds: whatever is fired has a slot to land in, four to spare.
+ *
+ * With a live subject a starved sequence must not sink into the flashing band (3-30 Hz) by
+ * trickling. Its pulses come at the planned rate or not at all: when the controller is about to
+ * run dry, it stays dark until a whole burst (all the credit there can be, or all the steps that
+ * are left) has gathered and at least LS_CREDIT_PAUSE_NS have passed since the last burst began,
+ * so that bursts follow each other below 3 Hz. Sequences whose planned rate lies inside the band
+ * were allowed by the operator and are not held back.
+ */
+#ifndef LS_DAEMON_CREDIT_H
+#define LS_DAEMON_CREDIT_H
+
+#include <stdbool.h>
+#include <stdint.h>
+
+enum { LS_CREDIT_SPARE = 4 };
+
+#define LS_CREDIT_PAUSE_NS 400000000ull /* 2.5 Hz */
+
+/** What one camera has room for. */
+struct ls_credit_camera {
+    uint32_t queued;  /* slots the driver holds */
+    uint32_t settled; /* steps of this program with a verdict */
+};
+
+/** The most steps that may be granted; at least the fewest settled, at most @n_steps. RT-safe. */
+uint32_t ls_credit_limit(const struct ls_credit_camera *cameras, uint32_t n_cameras,
+                         uint32_t n_steps);
+
+struct ls_credit {
+    bool bursts;       /* live subject at a rate above the flashing band */
+    uint32_t n_steps;
+    uint32_t burst;    /* steps of a full burst */
+    bool dark;
+    uint64_t started_ns; /* of the current burst */
+};
+
+/** @ring_slots: of the smallest ring; @live, @period_us: of the plan. RT-safe. */
+void ls_credit_init(struct ls_credit *credit, uint32_t n_steps, uint32_t ring_slots, bool live,
+                    uint32_t period_us);
+
+/** The new value of granted (>= @granted), given what was fired and the limit. RT-safe. */
+uint32_t ls_credit_grant(struct ls_credit *credit, uint32_t granted, uint32_t fired,
+                         uint32_t limit, uint64_t now_ns);
+
+#endif

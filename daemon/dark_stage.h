@@ -1,0 +1,54 @@
+/*
+ * dark_stage: the darks of one camera: summed, checked, published, kept for the merge.
+ * Layer: daemon. Threads: add from any merge thread; the rest while no frames come. Ownership: owns
+ * its sums, means and list of defective pixels.
+ */
+#ifndef LS_DAEMON_DARK_STAGE_H
+#define LS_DAEMON_DARK_STAGE_H
+
+#include "core/dark.h"
+#include "core/error.h"
+#include "core/pixel.h"
+#include "daemon/plan.h"
+
+#include <pthread.h>
+#include <stdbool.h>
+#include <stdint.h>
+
+struct ls_dark_exposure {
+    struct ls_dark *sum; /* NULL once the mean exists */
+    float *mean_dn;      /* NULL until then */
+};
+
+struct ls_dark_stage {
+    const struct ls_pixel_format *format;
+    uint32_t width, height;
+    bool black_check;
+    pthread_mutex_t lock;
+    struct ls_dark_exposure exposures[LS_MAX_EXPOSURES];
+    struct ls_pixel_list defects; /* union over exposures */
+};
+
+void ls_dark_stage_init(struct ls_dark_stage *stage, const struct ls_pixel_format *format,
+                        uint32_t width, uint32_t height, bool black_check);
+void ls_dark_stage_finish(struct ls_dark_stage *stage);
+
+/** Make the sum of an exposure. LS_ERR_NOMEM, LS_ERR_LIMIT. */
+LS_MUST_CHECK enum ls_err ls_dark_stage_expect(struct ls_dark_stage *stage, uint32_t exposure,
+                                               struct ls_diag *diag);
+
+/** A mean from an earlier run of the take, @n_px floats in DN; defective pixels are searched in it,
+ * without those that only show in the variance. */
+LS_MUST_CHECK enum ls_err ls_dark_stage_adopt(struct ls_dark_stage *stage, uint32_t exposure,
+                                              const float *mean_dn, struct ls_diag *diag);
+
+/** Fold in a frame. */
+LS_MUST_CHECK enum ls_err ls_dark_stage_add(struct ls_dark_stage *stage, uint32_t exposure,
+                                            const void *raw, struct ls_diag *diag);
+
+/** All frames are in: form the mean, find defective pixels, free the sum. LS_ERR_INVALID: the black
+ * level clips and black_check is set. */
+LS_MUST_CHECK enum ls_err ls_dark_stage_close(struct ls_dark_stage *stage, uint32_t exposure,
+                                              struct ls_diag *diag);
+
+#endif

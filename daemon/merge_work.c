@@ -1,0 +1,317 @@
+#include "daemon/merge_work.h"
+
+#include "core/crc32c.h"
+#include "daemon/attributes.h"
+#include "daemon/store.h"
+
+#include <string.h>
+
+enum { BAND_ROWS = 16 }; /* fewer are not worth a hand-over */
+
+void ls_merge_fail(struct ls_merge_stage *stage, enum ls_err err, const struct ls_diag *diag)
+{
+    pthread_mutex_lock(&stage->lock);
+    if (!atomic_load(&stage->failure)) {
+        stage->diag = *diag;
+        atomic_store(&stage->failure, err);
+    }
+    pthread_cond_broadcast(&stage->idle);
+    pthread_mutex_unlock(&stage->lock);
+}
+
+static void give_back(struct ls_merge_stage *stage, const struct ls_merge_job *job)
+{
+    static const struct ls_diag bug = {"a slot of the ring was not ours to give back"};
+    if (ls_ring_give_back(stage->config.rings[job->camera], job->bound.frame.slot))
+        ls_merge_fail(stage, LS_ERR_BUG, &bug);
+    else
+        ls_camera_release(stage->config.setup->cameras[job->camera], job->bound.frame.slot);
+}
+
+static const struct ls_plan_condition *condition_of(const struct ls_merge_stage *stage,
+                                                    uint32_t plan_step)
+{
+    const struct ls_plan *plan = stage->config.setup->plan;
+    return &plan->conditions[plan->steps[plan_step].condition];
+}
+
+/* ---- tickets ---- */
+
+static uint32_t attempt_of(const struct ls_merge_stage *stage, uint32_t plan_step, uint32_t shot)
+{
+    uint32_t before = stage->config.first_attempt ? stage->config.first_attempt[shot] : 0;
+    uint32_t tries = stage->attempts[plan_step];
+    return before + (tries ? tries - 1 : 0);
+}
+
+static struct ls_ticket ticket_of(const struct ls_merge_stage *stage,
+                                  const struct ls_merge_job *job, uint32_t crc)
+{
+    const struct ls_plan *plan = stage->config.setup->plan;
+    const struct ls_plan_step *step = &plan->steps[job->plan_step];
+    const struct ls_bound_frame *b = &job->bound;
+    uint32_t shot = job->plan_step * stage->n_cameras + job->camera;
+    return (struct ls_ticket){.shot = shot,
+                              .step = job->plan_step,
+                              .camera = job->camera,
+                              .attempt = attempt_of(stage, job->plan_step, shot),
+                              .condition = step->condition,
+                              .exposure = step->exposure,
+                              .repeat = step->repeat,
+                              .pulse_us = plan->pulse_us[step->exposure],
+                              .controller_step = b->step,
+                              .width_us = b->event.width_us,
+                              .controller_us = b->event.us,
+                              .frame_id = b->frame.frame_id,
+                              .camera_ns = b->frame.camera_ns,
+                              .host_ns = b->frame.host_ns,
+                              .status = b->frame.status,
+                              .trigger_counter = b->frame.trigger_counter,
+                              .chunk_exposure_us = b->frame.chunk_exposure_us,
+                              .exposure_used_us = b->exposure_us,
+                              .residual_us = b->residual_us,
+                              .raw_crc32c = crc,
+                              .raw_bytes = b->frame.payload_bytes};
+}
+
+/* Checksum, ticket and, if asked for, the bytes themselves. */
+static enum ls_err record(struct ls_merge_stage *stage, const struct ls_merge_job *job,
+                          const void *raw, struct ls_diag *diag)
+{
+    struct ls_store *store = stage->config.setup->store;
+    size_t n = job->bound.frame.payload_bytes;
+    const struct ls_ticket ticket = ticket_of(stage, job, ls_crc32c(0, raw, n));
+    enum ls_err err = LS_OK;
+    if (stage->config.setup->plan->keep_raw)
+        err = ls_store_raw(store, job->camera, ticket.shot, ticket.attempt, raw, n, diag);
+    return err ? err : ls_store_ticket(store, &ticket, diag);
+}
+
+/* Under the lock. */
+static void count_in(struct ls_merge_stage *stage, const struct ls_merge_job *job)
+{
+    struct ls_merge_camera *camera = &stage->cameras[job->camera];
+    camera->shots[job->plan_step] = LS_SHOT_IN;
+    if (++stage->cameras_in[job->plan_step] == stage->n_cameras)
+        atomic_fetch_add(&stage->steps_bound, 1);
+    atomic_fetch_add(&stage->shots_in, 1);
+    uint8_t *lost = &stage->lost[job->plan_step * stage->n_cameras + job->camera];
+    if (*lost) {
+        *lost = 0;
+        atomic_fetch_add(&stage->repairs, 1);
+        stage->repaired[stage->config.setup->plan->steps[job->plan_step].condition]++;
+    }
+}
+
+/* ---- publishing ---- */
+
+static enum ls_err publish(struct ls_merge_stage *stage, uint32_t camera, uint32_t condition,
+                           double longest_exposure_s, struct ls_exr_mosaic *mosaic,
+                           struct ls_diag *diag)
+{
+    const struct ls_capture_setup *setup = stage->config.setup;
+    struct ls_exr_attrs attrs = {0};
+    const struct ls_picture about = {.config = setup->config,
+                                     .plan = setup->plan,
+                                     .info = ls_camera_info(setup->cameras[camera]),
+                                     .camera = camera,
+                                     .condition = condition,
+                                     .take = ls_store_id(setup->store),
+                                     .utc_s = stage->config.utc_s,
+                                     .reference_exposure_s = setup->reference_exposure_s,
+                                     .longest_exposure_s = longest_exposure_s};
+    ls_picture_attributes(&about, &attrs);
+    mosaic->width = stage->cameras[camera].width;
+    mosaic->height = stage->cameras[camera].height;
+    mosaic->attrs = &attrs;
+    const struct ls_store_picture picture = {.condition = setup->plan->conditions[condition].id,
+                                             .camera = camera,
+                                             .mosaic = *mosaic};
+    enum ls_err err = ls_store_publish(setup->store, &picture, diag);
+    ls_exr_attrs_finish(&attrs);
+    /* A resumed take may have it of some cameras: the first one stands. */
+    return err == LS_ERR_EXISTS && setup->condition_done ? LS_OK : err;
+}
+
+static void count_published(struct ls_merge_stage *stage, uint32_t camera, uint32_t condition)
+{
+    pthread_mutex_lock(&stage->lock);
+    stage->cameras[camera].published[condition] = 1;
+    if (++stage->cameras_have[condition] == stage->n_cameras)
+        atomic_fetch_add(&stage->conditions_stored, 1);
+    pthread_mutex_unlock(&stage->lock);
+}
+
+/* ---- darks ---- */
+
+static enum ls_err finish_dark(struct ls_merge_stage *stage, const struct ls_merge_job *job,
+                               struct ls_diag *diag)
+{
+    struct ls_merge_camera *camera = &stage->cameras[job->camera];
+    const struct ls_plan *plan = stage->config.setup->plan;
+    uint32_t condition = plan->steps[job->plan_step].condition;
+    uint32_t exposure = plan->conditions[condition].exposure;
+    struct ls_diag why = {{0}};
+    enum ls_err err = ls_dark_stage_close(&camera->darks, exposure, &why);
+    if (err)
+        return ls_fail(diag, err, "%s of camera %s: %.400s", plan->conditions[condition].id,
+                       stage->config.setup->config->cameras[job->camera].name, why.text);
+    struct ls_exr_mosaic mosaic = {.floats = camera->darks.exposures[exposure].mean_dn};
+    err = publish(stage, job->camera, condition, job->bound.exposure_us * 1e-6, &mosaic, diag);
+    if (!err)
+        count_published(stage, job->camera, condition);
+    return err;
+}
+
+static enum ls_err take_dark(struct ls_merge_stage *stage, const struct ls_merge_job *job,
+                             struct ls_diag *diag)
+{
+    struct ls_merge_camera *camera = &stage->cameras[job->camera];
+    const void *raw = ls_ring_payload(stage->config.rings[job->camera], job->bound.frame.slot);
+    const struct ls_plan_condition *c = condition_of(stage, job->plan_step);
+    uint32_t condition = stage->config.setup->plan->steps[job->plan_step].condition;
+    enum ls_err err = ls_dark_stage_add(&camera->darks, c->exposure, raw, diag);
+    if (!err)
+        err = record(stage, job, raw, diag);
+    give_back(stage, job);
+    if (err)
+        return err;
+    pthread_mutex_lock(&stage->lock);
+    count_in(stage, job);
+    bool last = ++camera->darks_in[condition] == c->n_steps;
+    pthread_mutex_unlock(&stage->lock);
+    return last ? finish_dark(stage, job, diag) : LS_OK;
+}
+
+/* ---- lights ---- */
+
+static void describe_merge(struct ls_merge_stage *stage, struct ls_accumulator *a)
+{
+    const struct ls_config_camera *c = &stage->config.setup->config->cameras[a->camera];
+    struct ls_merge_camera *camera = &stage->cameras[a->camera];
+    const struct ls_plan *plan = stage->config.setup->plan;
+    const struct ls_plan_condition *condition = &plan->conditions[a->condition];
+    a->params = (struct ls_merge_params){.format = camera->format,
+                                         .width = camera->width,
+                                         .height = camera->height,
+                                         .n_exposures = condition->n_steps,
+                                         .range_low = c->range_low,
+                                         .range_high = c->range_high,
+                                         .full_scale_dn = c->full_scale_dn,
+                                         .clip_dn = c->full_scale_dn,
+                                         .electrons_per_dn = c->electrons_per_dn,
+                                         .read_noise_dn = c->read_noise_dn,
+                                         .defects = camera->darks.defects.index,
+                                         .n_defects = camera->darks.defects.n};
+    a->spans = (struct ls_merge_spans){.e = a->e, .validity = a->validity};
+    for (uint32_t i = 0; i < condition->n_steps; i++) {
+        uint32_t exposure = plan->steps[condition->first_step + i].exposure;
+        a->params.exposure_s[i] = a->exposure_s[i];
+        a->spans.raw[i] = a->raw[i];
+        a->spans.dark[i] = camera->darks.exposures[exposure].mean_dn;
+    }
+}
+
+static uint32_t band_count(const struct ls_merge_stage *stage, uint32_t height)
+{
+    uint32_t n = height / BAND_ROWS, most = 2 * stage->n_threads;
+    n = n > most ? most : n;
+    return n ? n : 1;
+}
+
+static enum ls_err start_merge(struct ls_merge_stage *stage, struct ls_accumulator *a,
+                               struct ls_diag *diag)
+{
+    describe_merge(stage, a);
+    enum ls_err err = ls_merge_check(&a->params, diag);
+    if (err)
+        return err;
+    pthread_mutex_lock(&stage->lock);
+    a->n_bands = band_count(stage, a->params.height);
+    a->state = LS_ACCUMULATOR_MERGING;
+    pthread_mutex_unlock(&stage->lock);
+    for (uint32_t i = 0; i < stage->n_threads; i++)
+        sem_post(&stage->work);
+    return LS_OK;
+}
+
+static enum ls_err copy_in(struct ls_merge_stage *stage, const struct ls_merge_job *job,
+                           struct ls_diag *diag)
+{
+    struct ls_accumulator *a = job->accumulator;
+    const struct ls_plan_condition *c = condition_of(stage, job->plan_step);
+    uint32_t i = job->plan_step - c->first_step;
+    memcpy(a->raw[i],
+           ls_ring_payload(stage->config.rings[job->camera], job->bound.frame.slot),
+           job->bound.frame.payload_bytes);
+    give_back(stage, job);
+    a->exposure_s[i] = job->bound.exposure_us * 1e-6;
+    enum ls_err err = record(stage, job, a->raw[i], diag);
+    if (err)
+        return err;
+    pthread_mutex_lock(&stage->lock);
+    count_in(stage, job);
+    a->copying--;
+    bool last = ++a->filled == c->n_steps;
+    pthread_mutex_unlock(&stage->lock);
+    return last ? start_merge(stage, a, diag) : LS_OK;
+}
+
+static enum ls_err publish_merged(struct ls_merge_stage *stage, struct ls_accumulator *a,
+                                  struct ls_diag *diag)
+{
+    double longest = 0;
+    for (uint32_t i = 0; i < a->params.n_exposures; i++)
+        longest = a->exposure_s[i] > longest ? a->exposure_s[i] : longest;
+    struct ls_exr_mosaic mosaic = {.half = a->half, .validity = a->validity};
+    enum ls_err err = publish(stage, a->camera, a->condition, longest, &mosaic, diag);
+    if (err)
+        return err;
+    count_published(stage, a->camera, a->condition);
+    pthread_mutex_lock(&stage->lock);
+    ls_accumulator_free(a);
+    pthread_mutex_unlock(&stage->lock);
+    sem_post(&stage->work);
+    return LS_OK;
+}
+
+static enum ls_err merge_band(struct ls_merge_stage *stage, const struct ls_merge_job *job,
+                              struct ls_diag *diag)
+{
+    struct ls_accumulator *a = job->accumulator;
+    uint32_t height = a->params.height, width = a->params.width;
+    uint32_t first = (uint32_t)((uint64_t)height * job->band / a->n_bands);
+    uint32_t end = (uint32_t)((uint64_t)height * (job->band + 1) / a->n_bands);
+    size_t at = (size_t)first * width, n = (size_t)(end - first) * width;
+    ls_merge_rows(&a->params, &a->spans, first, end - first, NULL);
+    ls_merge_store_half(a->e + at, n, stage->config.setup->reference_exposure_s, a->half + at,
+                        a->validity + at);
+    pthread_mutex_lock(&stage->lock);
+    bool last = ++a->bands_done == a->n_bands;
+    pthread_mutex_unlock(&stage->lock);
+    return last ? publish_merged(stage, a, diag) : LS_OK;
+}
+
+void ls_merge_do(struct ls_merge_stage *stage, const struct ls_merge_job *job)
+{
+    struct ls_diag diag = {{0}};
+    enum ls_err err = LS_OK;
+    switch (job->kind) {
+    case LS_JOB_NONE:
+        break;
+    case LS_JOB_DISCARD:
+        give_back(stage, job);
+        break;
+    case LS_JOB_DARK:
+        err = take_dark(stage, job, &diag);
+        break;
+    case LS_JOB_COPY:
+        err = copy_in(stage, job, &diag);
+        break;
+    case LS_JOB_BAND:
+        err = merge_band(stage, job, &diag);
+        break;
+    }
+    if (err)
+        ls_merge_fail(stage, err, &diag);
+}

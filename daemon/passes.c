@@ -1,0 +1,68 @@
+#include "daemon/passes.h"
+
+#include <stdlib.h>
+#include <string.h>
+
+enum ls_err ls_pass_init(struct ls_pass *pass, const struct ls_plan *plan, uint32_t max_steps)
+{
+    *pass = (struct ls_pass){.capacity = plan->n_steps < max_steps ? plan->n_steps : max_steps,
+                             .n_plan_conditions = plan->n_conditions};
+    pass->conditions = calloc(plan->n_conditions + 1, sizeof *pass->conditions);
+    pass->condition_at = calloc(plan->n_conditions + 1, sizeof *pass->condition_at);
+    pass->steps = calloc(pass->capacity + 1, sizeof *pass->steps);
+    pass->plan_steps = calloc(pass->capacity + 1, sizeof *pass->plan_steps);
+    if (pass->conditions && pass->condition_at && pass->steps && pass->plan_steps)
+        return LS_OK;
+    ls_pass_finish(pass);
+    return LS_ERR_NOMEM;
+}
+
+void ls_pass_finish(struct ls_pass *pass)
+{
+    free(pass->conditions);
+    free(pass->condition_at);
+    free(pass->steps);
+    free(pass->plan_steps);
+    *pass = (struct ls_pass){0};
+}
+
+static bool has_room(const struct ls_pass *pass, const struct ls_lights_info *info,
+                     uint32_t condition)
+{
+    const struct ls_program *p = &pass->program;
+    bool known = pass->condition_at[condition] > 0;
+    return p->n_steps < pass->capacity && (known || p->n_conditions < info->max_conditions);
+}
+
+static void add(struct ls_pass *pass, const struct ls_plan *plan, uint32_t plan_step, bool held)
+{
+    const struct ls_plan_step *step = &plan->steps[plan_step];
+    uint32_t *at = &pass->condition_at[step->condition];
+    struct ls_program *p = &pass->program;
+    if (*at == 0) {
+        pass->conditions[p->n_conditions] = plan->conditions[step->condition].lights;
+        *at = ++p->n_conditions;
+    }
+    pass->plan_steps[p->n_steps] = plan_step;
+    pass->steps[p->n_steps++] = (struct ls_step){.condition = *at - 1,
+                                                 .pulse_us = plan->pulse_us[step->exposure],
+                                                 .settle_us = plan->settle_us,
+                                                 .flags = held ? LS_STEP_HOLD : 0};
+}
+
+uint32_t ls_pass_fill(struct ls_pass *pass, const struct ls_plan *plan,
+                      const struct ls_lights_info *info, const uint8_t *wanted, uint32_t first,
+                      bool held)
+{
+    memset(pass->condition_at, 0, pass->n_plan_conditions * sizeof *pass->condition_at);
+    pass->program = (struct ls_program){
+        .conditions = pass->conditions, .steps = pass->steps, .period_us = plan->period_us};
+    for (uint32_t i = first; i < plan->n_steps; i++) {
+        if (!wanted[i])
+            continue;
+        if (!has_room(pass, info, plan->steps[i].condition))
+            return i;
+        add(pass, plan, i, held);
+    }
+    return plan->n_steps;
+}

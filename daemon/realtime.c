@@ -1,0 +1,25 @@
+#include "daemon/realtime.h"
+
+#include <pthread.h>
+#include <sched.h>
+#include <time.h>
+
+bool ls_realtime_enter(int priority)
+{
+    const struct sched_param param = {.sched_priority = priority};
+    return priority == 0 || pthread_setschedparam(pthread_self(), SCHED_FIFO, &param) == 0;
+}
+
+uint64_t ls_host_ns(void)
+{
+    struct timespec t;
+    clock_gettime(CLOCK_MONOTONIC_RAW, &t);
+    return (uint64_t)t.tv_sec * 1000000000u + (uint64_t)t.tv_nsec;
+}
+
+void ls_host_sleep(uint64_t us)
+{
+    const struct timespec t = {.tv_sec = (time_t)(us / 1000000),
+                               .tv_nsec = (long)(us % 1000000) * 1000};
+    nanosleep(&t, NULL);
+}

@@ -1,0 +1,26 @@
+/*
+ * realtime: scheduling of ls-seq and ls-cam, and the time they keep.
+ * Layer: daemon. Threads: any. Ownership: none.
+ */
+#ifndef LS_DAEMON_REALTIME_H
+#define LS_DAEMON_REALTIME_H
+
+#include <stdbool.h>
+#include <stdint.h>
+
+enum {
+    LS_PRIORITY_SEQ = 20, /* the driver's receive threads run above both */
+    LS_PRIORITY_CAM = 21,
+};
+
+/** Make the calling thread SCHED_FIFO at @priority; 0 leaves it. False: not permitted, the thread
+ * stays as it was. */
+bool ls_realtime_enter(int priority);
+
+/** Host CLOCK_MONOTONIC_RAW, ns. RT-safe. */
+uint64_t ls_host_ns(void);
+
+/** Sleep for @us. RT-safe. */
+void ls_host_sleep(uint64_t us);
+
+#endif

@@ -1,0 +1,425 @@
+#include "daemon/sequencer.h"
+
+#include "daemon/credit.h"
+#include "daemon/realtime.h"
+
+#include <pthread.h>
+#include <stdio.h>
+#include <string.h>
+
+enum {
+    POLL_US = 1500, /* step events are read this often, grants follow as often */
+    EVENTS = 64,
+    ANSWER_US = 5000000, /* a thread of ours that does not answer for so long is stuck */
+};
+
+/* One program under way. */
+struct run {
+    struct ls_sequencer *seq;
+    const struct ls_program *program;
+    struct ls_diag *diag;
+    struct ls_credit credit;
+    struct ls_step_event events[EVENTS];
+    struct ls_lights_status status;
+    uint32_t granted, seen; /* steps granted; steps with an event, by the highest index */
+    uint64_t safe_us;       /* controller time of the poll before: its events have all been read */
+    uint64_t progress_ns;   /* host time of the last event or grant that ended a drought */
+    uint64_t first_us;
+    double timed_us[LS_MAX_CAMERAS][2]; /* exposure register, of even and odd steps: a held step's
+                                           event comes when the next one's is already written */
+    enum ls_err err;
+};
+
+void ls_sequencer_fault_names(uint32_t faults, char *text, size_t size)
+{
+    static const char *const names[] = {"interlock open", "emergency stop", "over-temperature",
+                                        "over-current",   "over-duty",      "heartbeat missed",
+                                        "program memory"};
+    size_t used = 0;
+    text[0] = 0;
+    for (size_t i = 0; i < sizeof names / sizeof *names; i++) {
+        if (!(faults & 1u << i) || used + 1 >= size)
+            continue;
+        int n = snprintf(text + used, size - used, "%s%s", used ? ", " : "", names[i]);
+        used += n > 0 ? (size_t)n : 0;
+    }
+}
+
+static bool tell_camera(struct run *run, uint32_t camera, const struct ls_camera_message *message)
+{
+    uint64_t until = ls_host_ns() + ANSWER_US * 1000ull;
+    while (!ls_camera_thread_tell(run->seq->cameras[camera].thread, message)) {
+        if (ls_host_ns() > until)
+            return false;
+        ls_host_sleep(100);
+    }
+    return true;
+}
+
+static enum ls_err tell_all(struct run *run, const struct ls_camera_message *message)
+{
+    for (uint32_t i = 0; i < run->seq->n_cameras; i++)
+        if (!tell_camera(run, i, message))
+            return LS_ERR_BUG;
+    return LS_OK;
+}
+
+/* Somebody else's trouble, or a wish to stop. */
+static enum ls_err interrupted(const struct ls_sequencer *seq)
+{
+    if (atomic_load(seq->abort))
+        return LS_ERR_ABORTED;
+    if (atomic_load(seq->failure))
+        return LS_ERR_STATE;
+    for (uint32_t i = 0; i < seq->n_cameras; i++) {
+        struct ls_camera_counts counts;
+        ls_camera_thread_counts(seq->cameras[i].thread, &counts);
+        if (counts.failure)
+            return LS_ERR_STATE;
+    }
+    return LS_OK;
+}
+
+static double exposure_of(const struct run *run, uint32_t camera,
+                          const struct ls_step_event *event)
+{
+    const struct ls_sequencer_camera *c = &run->seq->cameras[camera];
+    return c->timed ? run->timed_us[camera][event->step & 1] : event->width_us + c->offset_us;
+}
+
+static enum ls_err pass_on(struct run *run, const struct ls_step_event *event)
+{
+    struct ls_camera_message message = {.kind = LS_CAMERA_FIRED, .event = *event};
+    if (event->step >= run->program->n_steps || event->step < run->seen)
+        return LS_ERR_MISMATCH;
+    if (run->seq->fired++ == 0)
+        run->seq->first_us = event->us;
+    if (run->seen == 0)
+        run->first_us = event->us;
+    run->seen = event->step + 1;
+    run->seq->last_us = event->us;
+    for (uint32_t i = 0; i < run->seq->n_cameras; i++) {
+        message.exposure_us = exposure_of(run, i, event);
+        if (!tell_camera(run, i, &message))
+            return LS_ERR_BUG;
+    }
+    return LS_OK;
+}
+
+/* One poll, everything in it passed on. */
+static enum ls_err poll_once(struct run *run)
+{
+    size_t n = 0;
+    enum ls_err err = ls_lights_poll(run->seq->lights, &run->status, run->events, EVENTS, &n,
+                                     run->diag);
+    for (size_t i = 0; i < n && !err; i++)
+        err = pass_on(run, &run->events[i]);
+    if (err)
+        return err;
+    if (n > 0)
+        run->progress_ns = ls_host_ns();
+    if (n < EVENTS) {
+        for (uint32_t i = 0; i < run->seq->n_cameras; i++)
+            ls_camera_thread_until(run->seq->cameras[i].thread, run->safe_us);
+        run->safe_us = run->status.now_us;
+    }
+    return run->status.state == LS_LIGHTS_FAULT ? LS_ERR_REFUSED : LS_OK;
+}
+
+static enum ls_err check_stall(struct run *run)
+{
+    bool waiting = run->granted > run->seen && !run->status.holding;
+    if (!waiting)
+        run->progress_ns = ls_host_ns();
+    return ls_host_ns() - run->progress_ns > run->seq->stall_us * 1000 ? LS_ERR_TIMEOUT : LS_OK;
+}
+
+static enum ls_err grant(struct run *run, uint32_t n_steps)
+{
+    enum ls_err err = ls_lights_grant(run->seq->lights, n_steps, run->diag);
+    if (!err)
+        run->granted = n_steps;
+    return err;
+}
+
+static uint32_t credit_limit(const struct run *run, uint32_t *settled)
+{
+    struct ls_credit_camera cameras[LS_MAX_CAMERAS];
+    *settled = run->program->n_steps;
+    for (uint32_t i = 0; i < run->seq->n_cameras; i++) {
+        struct ls_camera_counts counts;
+        ls_camera_thread_counts(run->seq->cameras[i].thread, &counts);
+        cameras[i] = (struct ls_credit_camera){.settled = counts.settled,
+                                               .queued = ls_ring_queued(run->seq->cameras[i].ring)};
+        if (counts.settled < *settled)
+            *settled = counts.settled;
+    }
+    return ls_credit_limit(cameras, run->seq->n_cameras, run->program->n_steps);
+}
+
+static enum ls_err flow(struct run *run)
+{
+    for (;;) {
+        uint32_t settled, limit = credit_limit(run, &settled);
+        if (settled == run->program->n_steps)
+            return LS_OK;
+        uint32_t want = ls_credit_grant(&run->credit, run->granted, run->status.fired, limit,
+                                        ls_host_ns());
+        enum ls_err err = interrupted(run->seq);
+        if (!err && want > run->granted)
+            err = grant(run, want);
+        if (!err)
+            err = poll_once(run);
+        if (!err)
+            err = check_stall(run);
+        if (err)
+            return err;
+        ls_host_sleep(POLL_US);
+    }
+}
+
+/* ---- stepwise ---- */
+
+static enum ls_err turn(struct run *run)
+{
+    enum ls_err err = interrupted(run->seq);
+    if (!err)
+        err = poll_once(run);
+    if (!err)
+        err = check_stall(run);
+    if (!err)
+        ls_host_sleep(POLL_US);
+    return err;
+}
+
+static enum ls_err set_exposures(struct run *run, uint32_t step)
+{
+    double pulse_us = run->program->steps[step].pulse_us;
+    for (uint32_t i = 0; i < run->seq->n_cameras; i++) {
+        struct ls_sequencer_camera *camera = &run->seq->cameras[i];
+        if (!camera->timed)
+            continue;
+        run->timed_us[i][step & 1] = camera->exposure_us;
+        if (camera->asked_us == pulse_us)
+            continue;
+        camera->exposure_us = camera->asked_us = pulse_us;
+        enum ls_err err = ls_camera_set_exposure(camera->camera, &camera->exposure_us, run->diag);
+        if (err)
+            return err;
+        run->timed_us[i][step & 1] = camera->exposure_us;
+    }
+    return LS_OK;
+}
+
+static enum ls_err wait_for_room(struct run *run, uint32_t step)
+{
+    uint32_t settled;
+    while (credit_limit(run, &settled) <= step) {
+        enum ls_err err = turn(run);
+        if (err)
+            return err;
+    }
+    return LS_OK;
+}
+
+static bool is_lit(const struct run *run, uint32_t step)
+{
+    if (run->program->steps[step].flags & LS_STEP_HOLD)
+        return run->seen > step || (run->status.holding && run->status.fired == step + 1);
+    return run->seen > step;
+}
+
+static enum ls_err trigger(struct run *run)
+{
+    for (uint32_t i = 0; i < run->seq->n_cameras; i++) {
+        if (!run->seq->cameras[i].software)
+            continue;
+        enum ls_err err = ls_camera_trigger(run->seq->cameras[i].camera, run->diag);
+        if (err)
+            return err;
+    }
+    return LS_OK;
+}
+
+static bool has_frame(const struct run *run, uint32_t camera, uint32_t step)
+{
+    struct ls_camera_counts counts;
+    ls_camera_thread_counts(run->seq->cameras[camera].thread, &counts);
+    return counts.pending > 0 || counts.settled > step;
+}
+
+static bool all_have_frames(const struct run *run, uint32_t step)
+{
+    for (uint32_t i = 0; i < run->seq->n_cameras; i++)
+        if (!has_frame(run, i, step))
+            return false;
+    return true;
+}
+
+/* A camera bound by order whose frame has not come by now gives the step up. */
+static enum ls_err expire(struct run *run, uint32_t step)
+{
+    const struct ls_camera_message message = {.kind = LS_CAMERA_EXPIRED, .step = step};
+    for (uint32_t i = 0; i < run->seq->n_cameras; i++)
+        if (!run->seq->cameras[i].by_time && !has_frame(run, i, step) &&
+            !tell_camera(run, i, &message))
+            return LS_ERR_BUG;
+    return LS_OK;
+}
+
+static enum ls_err wait_for_frames(struct run *run, uint32_t step)
+{
+    uint64_t until = ls_host_ns() + run->seq->patience_us * 1000;
+    while (!all_have_frames(run, step)) {
+        enum ls_err err = turn(run);
+        if (err)
+            return err;
+        if (ls_host_ns() > until)
+            return expire(run, step);
+    }
+    return LS_OK;
+}
+
+static enum ls_err do_step(struct run *run, uint32_t step)
+{
+    const struct ls_camera_message opened = {.kind = LS_CAMERA_OPENED, .step = step};
+    bool held = run->program->steps[step].flags & LS_STEP_HOLD;
+    enum ls_err err = wait_for_room(run, step);
+    if (!err)
+        err = set_exposures(run, step);
+    if (!err && !held)
+        err = tell_all(run, &opened);
+    if (!err)
+        err = grant(run, step + 1);
+    while (!err && !is_lit(run, step))
+        err = turn(run);
+    if (!err && held)
+        err = tell_all(run, &opened);
+    if (!err)
+        err = trigger(run);
+    return err ? err : wait_for_frames(run, step);
+}
+
+static enum ls_err one_by_one(struct run *run)
+{
+    uint32_t n = run->program->n_steps, settled = 0;
+    enum ls_err err = LS_OK;
+    for (uint32_t step = 0; step < n && !err; step++)
+        err = do_step(run, step);
+    if (!err && n > 0 && run->program->steps[n - 1].flags & LS_STEP_HOLD)
+        err = grant(run, n);
+    while (!err && (credit_limit(run, &settled), settled < n))
+        err = turn(run);
+    return err;
+}
+
+/* ---- a program ---- */
+
+static bool all_armed(const struct run *run, const uint32_t *programs)
+{
+    for (uint32_t i = 0; i < run->seq->n_cameras; i++) {
+        struct ls_camera_counts counts;
+        ls_camera_thread_counts(run->seq->cameras[i].thread, &counts);
+        if (counts.programs == programs[i])
+            return false;
+    }
+    return true;
+}
+
+static enum ls_err arm(struct run *run)
+{
+    const struct ls_camera_message message = {.kind = LS_CAMERA_ARMED,
+                                              .step = run->program->n_steps};
+    uint32_t programs[LS_MAX_CAMERAS];
+    for (uint32_t i = 0; i < run->seq->n_cameras; i++) {
+        struct ls_camera_counts counts;
+        ls_camera_thread_counts(run->seq->cameras[i].thread, &counts);
+        programs[i] = counts.programs;
+    }
+    enum ls_err err = tell_all(run, &message);
+    uint64_t until = ls_host_ns() + ANSWER_US * 1000ull;
+    while (!err && !all_armed(run, programs)) {
+        err = ls_host_ns() > until ? LS_ERR_BUG : interrupted(run->seq);
+        ls_host_sleep(100);
+    }
+    return err ? err : ls_lights_arm(run->seq->lights, run->diag);
+}
+
+static enum ls_err execute(struct run *run)
+{
+    enum ls_err err = interrupted(run->seq);
+    if (!err)
+        err = ls_lights_load(run->seq->lights, run->program, run->diag);
+    if (!err)
+        err = arm(run);
+    run->progress_ns = ls_host_ns();
+    if (!err)
+        err = run->seq->stepwise ? one_by_one(run) : flow(run);
+    if (run->seen > 0)
+        run->seq->pulse_seconds += (double)(run->seq->last_us - run->first_us) * 1e-6;
+    return err;
+}
+
+static void explain(struct run *run)
+{
+    char faults[160];
+    uint32_t step = run->seen;
+    if (run->err == LS_ERR_REFUSED && run->status.state == LS_LIGHTS_FAULT) {
+        ls_sequencer_fault_names(run->status.faults, faults, sizeof faults);
+        ls_fail(run->diag, run->err,
+                "the light controller stopped at step %u and latched a fault (%s): clear its "
+                "cause, then resume the take",
+                step, faults);
+    } else if (run->err == LS_ERR_TIMEOUT && !run->diag->text[0]) {
+        ls_fail(run->diag, run->err,
+                "the light controller fired nothing for %.1f s although granted %u steps, %u of "
+                "them fired: LEDs are dark; check it, then resume the take",
+                (double)run->seq->stall_us * 1e-6, run->granted, run->seen);
+    } else if (run->err == LS_ERR_MISMATCH && !run->diag->text[0]) {
+        ls_fail(run->diag, run->err,
+                "the light controller reports steps out of order after step %u: LEDs are dark; "
+                "resume the take",
+                step);
+    } else if (run->err == LS_ERR_BUG && !run->diag->text[0]) {
+        ls_fail(run->diag, run->err, "a camera thread does not answer");
+    }
+}
+
+static void *run_thread(void *data)
+{
+    struct run *run = data;
+    struct ls_diag dark = {{0}};
+    ls_realtime_enter(LS_PRIORITY_SEQ);
+    run->err = execute(run);
+    enum ls_err err = ls_lights_blank(run->seq->lights, &dark);
+    if (!run->err && err) {
+        run->err = err;
+        *run->diag = dark;
+    }
+    return NULL;
+}
+
+enum ls_err ls_sequencer_run(struct ls_sequencer *sequencer, const struct ls_program *program,
+                             struct ls_diag *diag)
+{
+    struct ls_diag own = {{0}};
+    struct run run = {.seq = sequencer, .program = program, .diag = &own};
+    uint32_t slots = UINT32_MAX;
+    for (uint32_t i = 0; i < sequencer->n_cameras; i++) {
+        uint32_t n = ls_ring_slots(sequencer->cameras[i].ring).n;
+        slots = n < slots ? n : slots;
+    }
+    for (uint32_t i = 0; i < sequencer->n_cameras; i++)
+        run.timed_us[i][0] = run.timed_us[i][1] = sequencer->cameras[i].exposure_us;
+    ls_credit_init(&run.credit, program->n_steps, slots, sequencer->live, program->period_us);
+    pthread_t thread;
+    if (pthread_create(&thread, NULL, run_thread, &run))
+        return ls_fail(diag, LS_ERR_OS, "cannot start the sequencer's thread");
+    pthread_setname_np(thread, "ls-seq");
+    pthread_join(thread, NULL);
+    if (run.err)
+        explain(&run);
+    if (run.err && diag)
+        *diag = own;
+    return run.err;
+}

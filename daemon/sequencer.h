@@ -1,0 +1,69 @@
+/*
+ * sequencer: ls-seq, which makes the controller fire one program as fast as frames find room.
+ * Layer: daemon. Threads: run blocks its caller and works on a thread of its own, SCHED_FIFO if the
+ * process may; abort is an atomic of the caller's. Ownership: everything is (transfer none).
+ *
+ * Load, arm, then until every camera has a verdict on every step: grant credit, poll step events,
+ * pass them on to the cameras' threads. Between arm and the end nothing of ours allocates, locks or
+ * writes text; sentences are written once it is over. Whatever ends it, LEDs are dark on return.
+ *
+ * Stepwise (a camera without line trigger or timestamps, or whose exposure must be written between
+ * the steps of a bracket): one step is granted, the cameras without a line are triggered once it is
+ * lit, and the next grant, which ends a held step, waits for every camera's frame or its patience.
+ */
+#ifndef LS_DAEMON_SEQUENCER_H
+#define LS_DAEMON_SEQUENCER_H
+
+#include "core/error.h"
+#include "daemon/camera_thread.h"
+#include "daemon/config.h"
+#include "daemon/ring.h"
+#include "drivers/camera.h"
+#include "drivers/lights.h"
+
+#include <stdatomic.h>
+#include <stdbool.h>
+#include <stdint.h>
+
+struct ls_sequencer_camera {
+    const char *name;
+    struct ls_camera *camera;
+    struct ls_camera_thread *thread;
+    const struct ls_ring *ring;
+    bool by_time;     /* bound by time, else by order */
+    bool software;    /* triggered by us once a step is lit */
+    bool timed;       /* exposure is a register, else the pulse's width */
+    double asked_us, exposure_us; /* timed: written to the register, and what it holds */
+    double offset_us; /* not timed: added by the sensor to the pulse */
+};
+
+struct ls_sequencer {
+    struct ls_lights *lights;
+    uint32_t n_cameras;
+    struct ls_sequencer_camera cameras[LS_MAX_CAMERAS];
+    bool stepwise;
+    bool live;             /* subject */
+    uint64_t patience_us;  /* host time a step may go without its frame, stepwise */
+    uint64_t stall_us;     /* without any step event while some are granted: the controller hangs */
+    const _Atomic bool *abort;
+    const _Atomic int *failure; /* enum ls_err of another stage: stop; LS_OK = go on */
+    /* results, added up over programs */
+    uint64_t first_us, last_us; /* of the pulses, controller clock, of this and earlier programs */
+    double pulse_seconds;       /* sum over programs: first to last pulse */
+    uint32_t fired;             /* pulses */
+};
+
+/**
+ * Run @program to its end. @program->n_steps is at most the cameras' threads' max_steps.
+ * Errors: LS_ERR_ABORTED (asked to), LS_ERR_STATE (another stage failed: its error is the one to
+ * report), LS_ERR_REFUSED (interlock or another latched fault), LS_ERR_GONE, LS_ERR_TIMEOUT (link
+ * or controller), LS_ERR_MISMATCH (controller restarted; events lost), those of ls_lights_load.
+ */
+LS_MUST_CHECK enum ls_err ls_sequencer_run(struct ls_sequencer *sequencer,
+                                           const struct ls_program *program,
+                                           struct ls_diag *diag);
+
+/** Names of latched faults, comma-separated, into @text. */
+void ls_sequencer_fault_names(uint32_t faults, char *text, size_t size);
+
+#endif
