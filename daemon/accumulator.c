@@ -5,7 +5,8 @@
 
 size_t ls_accumulator_bytes(size_t payload_bytes, size_t n_px, uint32_t n_exposures)
 {
-    return payload_bytes * n_exposures + n_px * (sizeof(float) + sizeof(uint8_t) + sizeof(uint16_t));
+    return payload_bytes * n_exposures +
+           n_px * (sizeof(float) + sizeof(uint8_t) + sizeof(uint16_t));
 }
 
 /* Written once, so that no page fault falls into the take. */
@@ -64,8 +65,7 @@ void ls_accumulators_finish(struct ls_accumulators *pool)
 struct ls_accumulator *ls_accumulators_find(struct ls_accumulators *pool, uint32_t condition)
 {
     for (uint32_t i = 0; i < pool->n; i++)
-        if (pool->items[i].state == LS_ACCUMULATOR_FILLING &&
-            pool->items[i].condition == condition)
+        if (pool->items[i].state == LS_ACCUMULATOR_FILLING && pool->items[i].condition == condition)
             return &pool->items[i];
     return NULL;
 }

@@ -107,6 +107,5 @@ void ls_picture_attributes(const struct ls_picture *picture, struct ls_exr_attrs
     }
     ls_exr_attrs_string(attrs, "lightstage/units", "full scale / s x referenceExposure");
     ls_exr_attrs_int(attrs, "lightstage/blackSubtracted", 1);
-    ls_exr_attrs_float(attrs, "lightstage/referenceExposure",
-                       (float)picture->reference_exposure_s);
+    ls_exr_attrs_float(attrs, "lightstage/referenceExposure", (float)picture->reference_exposure_s);
 }

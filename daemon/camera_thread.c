@@ -189,8 +189,7 @@ enum ls_err ls_camera_thread_create(const struct ls_camera_thread_config *config
 enum ls_err ls_camera_thread_start(struct ls_camera_thread *thread, struct ls_diag *diag)
 {
     if (pthread_create(&thread->pthread, NULL, run, thread))
-        return ls_fail(diag, LS_ERR_OS, "camera %u: cannot start its thread",
-                       thread->config.index);
+        return ls_fail(diag, LS_ERR_OS, "camera %u: cannot start its thread", thread->config.index);
     char name[16];
     snprintf(name, sizeof name, "ls-cam-%u", thread->config.index % 100);
     pthread_setname_np(thread->pthread, name);
@@ -198,8 +197,7 @@ enum ls_err ls_camera_thread_start(struct ls_camera_thread *thread, struct ls_di
     return LS_OK;
 }
 
-bool ls_camera_thread_tell(struct ls_camera_thread *thread,
-                           const struct ls_camera_message *message)
+bool ls_camera_thread_tell(struct ls_camera_thread *thread, const struct ls_camera_message *message)
 {
     return ls_queue_push(&thread->messages, message);
 }

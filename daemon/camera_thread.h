@@ -59,9 +59,9 @@ struct ls_camera_thread_config {
 };
 
 struct ls_camera_counts {
-    uint32_t programs; /* LS_CAMERA_ARMED messages dealt with */
-    uint32_t settled;  /* steps of this program with a verdict */
-    uint32_t pending;  /* frames here and not decided */
+    uint32_t programs;        /* LS_CAMERA_ARMED messages dealt with */
+    uint32_t settled;         /* steps of this program with a verdict */
+    uint32_t pending;         /* frames here and not decided */
     uint32_t bound, unusable; /* verdicts since start: bound; missing or ambiguous */
     enum ls_err failure;      /* LS_ERR_GONE, LS_ERR_BUG ...: the thread has ended */
 };
@@ -89,12 +89,10 @@ bool ls_camera_thread_tell(struct ls_camera_thread *thread,
 void ls_camera_thread_until(struct ls_camera_thread *thread, uint64_t us);
 
 /** RT-safe. */
-void ls_camera_thread_counts(const struct ls_camera_thread *thread,
-                             struct ls_camera_counts *out);
+void ls_camera_thread_counts(const struct ls_camera_thread *thread, struct ls_camera_counts *out);
 
 /** How a step of this program ended. After it settled and before the next LS_CAMERA_ARMED. */
-enum ls_bind_outcome ls_camera_thread_outcome(const struct ls_camera_thread *thread,
-                                              uint32_t step);
+enum ls_bind_outcome ls_camera_thread_outcome(const struct ls_camera_thread *thread, uint32_t step);
 
 /** Wake the thread, wait for it to end. The camera is still started. Idempotent. */
 void ls_camera_thread_stop(struct ls_camera_thread *thread);

@@ -44,8 +44,8 @@ struct ls_capture {
     struct ls_sequencer sequencer;
     struct ls_warm_up warm_up;
     struct ls_pass pass;
-    uint8_t *wanted;          /* per plan step */
-    uint32_t *first_attempt;  /* per shot, of a resumed take */
+    uint8_t *wanted;         /* per plan step */
+    uint32_t *first_attempt; /* per shot, of a resumed take */
     uint32_t steps_planned, conditions_planned;
     _Atomic uint32_t lost;
     _Atomic bool abort;
@@ -395,25 +395,32 @@ static void append(char *text, size_t size, const char *id, uint32_t shots)
         strcpy(text + used, ", ...");
 }
 
-static enum ls_err name_missing(struct ls_capture *c, struct ls_capture_report *report,
-                                struct ls_diag *diag)
+static uint32_t count_missing(const struct ls_capture *c)
+{
+    uint32_t n = 0;
+    for (uint32_t i = 0; i < c->setup.plan->n_conditions; i++) {
+        bool missing = false;
+        for (uint32_t k = 0; k < c->n_cameras; k++)
+            missing |= !ls_merge_stage_has(c->merge, i, k);
+        n += missing;
+    }
+    return n;
+}
+
+static enum ls_err name_missing(struct ls_capture *c, struct ls_diag *diag)
 {
     const struct ls_plan *plan = c->setup.plan;
-    for (uint32_t i = 0; i < plan->n_conditions; i++) {
-        bool missing = false;
+    for (uint32_t i = 0; i < plan->n_conditions; i++)
         for (uint32_t k = 0; k < c->n_cameras; k++) {
             char text[160];
             if (ls_merge_stage_has(c->merge, i, k))
                 continue;
-            missing = true;
             snprintf(text, sizeof text, "missing: cam%u/%s after %u passes", k,
                      plan->conditions[i].id, c->setup.config->retries + 1);
             enum ls_err err = ls_store_alarm(c->setup.store, text, diag);
             if (err)
                 return err;
         }
-        report->missing_conditions += missing;
-    }
     return LS_OK;
 }
 
@@ -429,6 +436,7 @@ static void fill_report(struct ls_capture *c, struct ls_capture_report *report)
         squares += r.sum_squares_us2;
         n += r.n;
     }
+    report->missing_conditions = count_missing(c);
     report->residual_rms_us = n ? sqrt(squares / (double)n) : 0;
     for (uint32_t i = 0; i < c->setup.plan->n_conditions; i++)
         if (ls_merge_stage_repaired(c->merge, i))
@@ -468,11 +476,10 @@ static enum ls_err explain(struct ls_capture *c, enum ls_err err, struct ls_diag
     return err;
 }
 
-static enum ls_err close_books(struct ls_capture *c, enum ls_err err,
-                               struct ls_capture_report *report, struct ls_diag *diag)
+static enum ls_err close_books(struct ls_capture *c, enum ls_err err, struct ls_diag *diag)
 {
     struct ls_diag why = {{0}};
-    enum ls_err closing = name_missing(c, report, &why);
+    enum ls_err closing = err ? LS_OK : name_missing(c, &why);
     if (!closing)
         closing = ls_store_flush(c->setup.store, &why);
     if (!err && closing)
@@ -497,7 +504,7 @@ enum ls_err ls_capture_run(struct ls_capture *capture, struct ls_capture_report 
         err = LS_ERR_STATE;
     if (err)
         err = explain(capture, err, &why);
-    err = close_books(capture, err, report, &why);
+    err = close_books(capture, err, &why);
     fill_report(capture, report);
     if (err && diag)
         *diag = why;

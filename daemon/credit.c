@@ -29,8 +29,8 @@ void ls_credit_init(struct ls_credit *credit, uint32_t n_steps, uint32_t ring_sl
                                  .dark = true};
 }
 
-uint32_t ls_credit_grant(struct ls_credit *credit, uint32_t granted, uint32_t fired,
-                         uint32_t limit, uint64_t now_ns)
+uint32_t ls_credit_grant(struct ls_credit *credit, uint32_t granted, uint32_t fired, uint32_t limit,
+                         uint64_t now_ns)
 {
     if (!credit->bursts)
         return limit > granted ? limit : granted;

@@ -33,9 +33,9 @@ uint32_t ls_credit_limit(const struct ls_credit_camera *cameras, uint32_t n_came
                          uint32_t n_steps);
 
 struct ls_credit {
-    bool bursts;       /* live subject at a rate above the flashing band */
+    bool bursts; /* live subject at a rate above the flashing band */
     uint32_t n_steps;
-    uint32_t burst;    /* steps of a full burst */
+    uint32_t burst; /* steps of a full burst */
     bool dark;
     uint64_t started_ns; /* of the current burst */
 };
@@ -45,7 +45,7 @@ void ls_credit_init(struct ls_credit *credit, uint32_t n_steps, uint32_t ring_sl
                     uint32_t period_us);
 
 /** The new value of granted (>= @granted), given what was fired and the limit. RT-safe. */
-uint32_t ls_credit_grant(struct ls_credit *credit, uint32_t granted, uint32_t fired,
-                         uint32_t limit, uint64_t now_ns);
+uint32_t ls_credit_grant(struct ls_credit *credit, uint32_t granted, uint32_t fired, uint32_t limit,
+                         uint64_t now_ns);
 
 #endif

@@ -1,8 +1,9 @@
 #include "daemon/dark_stage.h"
 
-#include <math.h>
 #include <stdlib.h>
 #include <string.h>
+
+enum { VARIANCE_FRAMES = 8 };
 
 void ls_dark_stage_init(struct ls_dark_stage *stage, const struct ls_pixel_format *format,
                         uint32_t width, uint32_t height, bool black_check)
@@ -29,40 +30,17 @@ enum ls_err ls_dark_stage_expect(struct ls_dark_stage *stage, uint32_t exposure,
                           &stage->exposures[exposure].sum, diag);
 }
 
-static enum ls_err find_defects(struct ls_dark_stage *stage, const struct ls_dark *dark,
-                                struct ls_diag *diag)
+/* @variance_dn2 may be NULL. */
+static enum ls_err find_defects(struct ls_dark_stage *stage, const float *mean_dn,
+                                const float *variance_dn2, struct ls_diag *diag)
 {
     struct ls_pixel_list hot = {0};
-    enum ls_err err = ls_dark_hot_pixels(dark, &hot);
+    enum ls_err err =
+        ls_hot_pixels(mean_dn, variance_dn2, stage->format->cfa, stage->width, stage->height, &hot);
     if (!err)
         err = ls_pixel_list_join(&stage->defects, &hot);
     ls_pixel_list_finish(&hot);
-    return err ? ls_fail(diag, err, "darks: %s while looking for hot pixels", ls_err_name(err))
-               : LS_OK;
-}
-
-/* The mean as one 16-bit frame, scaled to use the bits a narrower format leaves. */
-static enum ls_err search_mean(struct ls_dark_stage *stage, const float *mean_dn,
-                               struct ls_diag *diag)
-{
-    size_t n = (size_t)stage->width * stage->height;
-    struct ls_pixel_format wide = *stage->format;
-    wide.bits = wide.bits_per_pixel = 16;
-    wide.packing = LS_PACKING_16;
-    double scale = 65535.0 / ls_pixel_max_dn(stage->format);
-    LS_CLEANUP_FREE uint16_t *frame = malloc(n * sizeof *frame);
-    struct ls_dark *dark = NULL;
-    if (!frame)
-        return ls_fail(diag, LS_ERR_NOMEM, "out of memory");
-    for (size_t i = 0; i < n; i++)
-        frame[i] = (uint16_t)fmin(65535, fmax(0, round((double)mean_dn[i] * scale)));
-    enum ls_err err = ls_dark_create(&wide, stage->width, stage->height, &dark, diag);
-    if (!err)
-        err = ls_dark_add(dark, frame);
-    if (!err)
-        err = find_defects(stage, dark, diag);
-    ls_dark_destroy(dark);
-    return err;
+    return err ? ls_fail(diag, err, "%s while looking for hot pixels", ls_err_name(err)) : LS_OK;
 }
 
 enum ls_err ls_dark_stage_adopt(struct ls_dark_stage *stage, uint32_t exposure,
@@ -74,7 +52,7 @@ enum ls_err ls_dark_stage_adopt(struct ls_dark_stage *stage, uint32_t exposure,
     if (!e->mean_dn)
         return ls_fail(diag, LS_ERR_NOMEM, "out of memory");
     memcpy(e->mean_dn, mean_dn, n * sizeof *e->mean_dn);
-    return search_mean(stage, mean_dn, diag);
+    return find_defects(stage, mean_dn, NULL, diag);
 }
 
 enum ls_err ls_dark_stage_add(struct ls_dark_stage *stage, uint32_t exposure, const void *raw,
@@ -89,15 +67,23 @@ enum ls_err ls_dark_stage_add(struct ls_dark_stage *stage, uint32_t exposure, co
     return err ? ls_fail(diag, err, "darks: %s", ls_err_name(err)) : LS_OK;
 }
 
-static enum ls_err check(const struct ls_dark_stage *stage, const struct ls_dark *dark,
-                         struct ls_diag *diag)
+/* Statistics of the closed sum; the variance of few frames says nothing about single pixels. */
+static enum ls_err examine(struct ls_dark_stage *stage, const struct ls_dark *sum,
+                           const float *mean_dn, float *variance_dn2, struct ls_diag *diag)
 {
     struct ls_dark_stats stats;
-    if (!stage->black_check)
-        return LS_OK;
-    enum ls_err err = ls_dark_stats(dark, &stats);
-    return err ? ls_fail(diag, err, "darks: %s", ls_err_name(err))
-               : ls_dark_check_black(&stats, diag);
+    enum ls_err err = ls_dark_stats(sum, &stats);
+    if (!err && stage->black_check)
+        err = ls_dark_check_black(&stats, diag);
+    bool enough = !err && stats.n_frames >= VARIANCE_FRAMES;
+    if (enough)
+        err = ls_dark_variance(sum, variance_dn2);
+    if (err)
+        return err;
+    pthread_mutex_lock(&stage->lock);
+    err = find_defects(stage, mean_dn, enough ? variance_dn2 : NULL, diag);
+    pthread_mutex_unlock(&stage->lock);
+    return err;
 }
 
 enum ls_err ls_dark_stage_close(struct ls_dark_stage *stage, uint32_t exposure,
@@ -106,15 +92,12 @@ enum ls_err ls_dark_stage_close(struct ls_dark_stage *stage, uint32_t exposure,
     size_t n = (size_t)stage->width * stage->height;
     struct ls_dark_exposure *e = &stage->exposures[exposure];
     LS_CLEANUP_FREE float *mean = malloc(n * sizeof *mean);
-    if (!mean)
+    LS_CLEANUP_FREE float *variance = malloc(n * sizeof *variance);
+    if (!mean || !variance)
         return ls_fail(diag, LS_ERR_NOMEM, "out of memory");
-    enum ls_err err = check(stage, e->sum, diag);
+    enum ls_err err = ls_dark_mean(e->sum, mean);
     if (!err)
-        err = ls_dark_mean(e->sum, mean);
-    pthread_mutex_lock(&stage->lock);
-    if (!err)
-        err = find_defects(stage, e->sum, diag);
-    pthread_mutex_unlock(&stage->lock);
+        err = examine(stage, e->sum, mean, variance, diag);
     if (err)
         return err;
     ls_dark_destroy(e->sum);

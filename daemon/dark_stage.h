@@ -7,6 +7,7 @@
 #define LS_DAEMON_DARK_STAGE_H
 
 #include "core/dark.h"
+#include "core/hot_pixels.h"
 #include "core/error.h"
 #include "core/pixel.h"
 #include "daemon/plan.h"

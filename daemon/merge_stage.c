@@ -364,11 +364,11 @@ void ls_merge_stage_explain(const struct ls_merge_stage *stage, struct ls_diag *
 
 void ls_merge_stage_counts(const struct ls_merge_stage *stage, struct ls_merge_stage_counts *out)
 {
-    *out = (struct ls_merge_stage_counts){
-        .steps_bound = atomic_load(&stage->steps_bound),
-        .conditions_stored = atomic_load(&stage->conditions_stored),
-        .shots = atomic_load(&stage->shots_in),
-        .repaired = atomic_load(&stage->repairs)};
+    *out =
+        (struct ls_merge_stage_counts){.steps_bound = atomic_load(&stage->steps_bound),
+                                       .conditions_stored = atomic_load(&stage->conditions_stored),
+                                       .shots = atomic_load(&stage->shots_in),
+                                       .repaired = atomic_load(&stage->repairs)};
 }
 
 void ls_merge_stage_lost(struct ls_merge_stage *stage, uint32_t plan_step, uint32_t camera)

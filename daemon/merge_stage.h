@@ -37,10 +37,10 @@ struct ls_merge_stage_config {
 
 struct ls_merge_stage;
 
-/** Errors: LS_ERR_UNSUPPORTED (pixel format), LS_ERR_INVALID (a camera's constants), LS_ERR_NOMEM. */
+/** Errors: LS_ERR_UNSUPPORTED (pixel format), LS_ERR_INVALID (a camera's constants), LS_ERR_NOMEM.
+ */
 LS_MUST_CHECK enum ls_err ls_merge_stage_create(const struct ls_merge_stage_config *config,
-                                                struct ls_merge_stage **out,
-                                                struct ls_diag *diag);
+                                                struct ls_merge_stage **out, struct ls_diag *diag);
 
 LS_MUST_CHECK enum ls_err ls_merge_stage_start(struct ls_merge_stage *stage, struct ls_diag *diag);
 

@@ -124,9 +124,8 @@ static enum ls_err publish(struct ls_merge_stage *stage, uint32_t camera, uint32
     mosaic->width = stage->cameras[camera].width;
     mosaic->height = stage->cameras[camera].height;
     mosaic->attrs = &attrs;
-    const struct ls_store_picture picture = {.condition = setup->plan->conditions[condition].id,
-                                             .camera = camera,
-                                             .mosaic = *mosaic};
+    const struct ls_store_picture picture = {
+        .condition = setup->plan->conditions[condition].id, .camera = camera, .mosaic = *mosaic};
     enum ls_err err = ls_store_publish(setup->store, &picture, diag);
     ls_exr_attrs_finish(&attrs);
     /* A resumed take may have it of some cameras: the first one stands. */
@@ -241,8 +240,7 @@ static enum ls_err copy_in(struct ls_merge_stage *stage, const struct ls_merge_j
     struct ls_accumulator *a = job->accumulator;
     const struct ls_plan_condition *c = condition_of(stage, job->plan_step);
     uint32_t i = job->plan_step - c->first_step;
-    memcpy(a->raw[i],
-           ls_ring_payload(stage->config.rings[job->camera], job->bound.frame.slot),
+    memcpy(a->raw[i], ls_ring_payload(stage->config.rings[job->camera], job->bound.frame.slot),
            job->bound.frame.payload_bytes);
     give_back(stage, job);
     a->exposure_s[i] = job->bound.exposure_us * 1e-6;

@@ -40,11 +40,11 @@ struct ls_merge_stage {
     bool stopping;
     const uint32_t *plan_steps; /* of the program under way */
     uint32_t n_program;
-    uint16_t *attempts;       /* per plan step: times fired in this run */
-    uint8_t *cameras_in;      /* per plan step: cameras with its frame */
-    uint8_t *cameras_have;    /* per condition: cameras that published it */
-    uint8_t *lost;            /* per shot: tried and not had */
-    uint16_t *repaired;       /* per condition: shots lost, then had */
+    uint16_t *attempts;    /* per plan step: times fired in this run */
+    uint8_t *cameras_in;   /* per plan step: cameras with its frame */
+    uint8_t *cameras_have; /* per condition: cameras that published it */
+    uint8_t *lost;         /* per shot: tried and not had */
+    uint16_t *repaired;    /* per condition: shots lost, then had */
     _Atomic uint32_t steps_bound, conditions_stored, shots_in, repairs;
     _Atomic int failure;
     struct ls_diag diag;
@@ -56,8 +56,8 @@ struct ls_merge_stage {
 struct ls_merge_job {
     enum { LS_JOB_NONE, LS_JOB_DISCARD, LS_JOB_DARK, LS_JOB_COPY, LS_JOB_BAND } kind;
     uint32_t camera, plan_step;
-    struct ls_bound_frame bound;         /* not of a band */
-    struct ls_accumulator *accumulator;  /* COPY, BAND */
+    struct ls_bound_frame bound;        /* not of a band */
+    struct ls_accumulator *accumulator; /* COPY, BAND */
     uint32_t band;
 };
 

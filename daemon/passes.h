@@ -17,7 +17,7 @@ struct ls_pass {
     struct ls_program program;
     struct ls_condition *conditions;
     struct ls_step *steps;
-    uint32_t *plan_steps; /* per step of the program */
+    uint32_t *plan_steps;   /* per step of the program */
     uint32_t *condition_at; /* per condition of the plan: 1 + index in the program, or 0 */
     uint32_t capacity, n_plan_conditions;
 };
@@ -30,9 +30,9 @@ LS_MUST_CHECK enum ls_err ls_pass_init(struct ls_pass *pass, const struct ls_pla
 void ls_pass_finish(struct ls_pass *pass);
 
 /**
- * The plan's steps from @first on for which @wanted says 1, in the plan's order, until the plan ends
- * or @info's memory (steps, conditions) is full. Returns the plan step to go on with, n_steps at the
- * end. @held: every step stays lit until the next grant.
+ * The plan's steps from @first on for which @wanted says 1, in the plan's order, until the plan
+ * ends or @info's memory (steps, conditions) is full. Returns the plan step to go on with, n_steps
+ * at the end. @held: every step stays lit until the next grant.
  */
 uint32_t ls_pass_fill(struct ls_pass *pass, const struct ls_plan *plan,
                       const struct ls_lights_info *info, const uint8_t *wanted, uint32_t first,

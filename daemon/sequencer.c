@@ -80,8 +80,7 @@ static enum ls_err interrupted(const struct ls_sequencer *seq)
     return LS_OK;
 }
 
-static double exposure_of(const struct run *run, uint32_t camera,
-                          const struct ls_step_event *event)
+static double exposure_of(const struct run *run, uint32_t camera, const struct ls_step_event *event)
 {
     const struct ls_sequencer_camera *c = &run->seq->cameras[camera];
     return c->timed ? run->timed_us[camera][event->step & 1] : event->width_us + c->offset_us;
@@ -110,8 +109,8 @@ static enum ls_err pass_on(struct run *run, const struct ls_step_event *event)
 static enum ls_err poll_once(struct run *run)
 {
     size_t n = 0;
-    enum ls_err err = ls_lights_poll(run->seq->lights, &run->status, run->events, EVENTS, &n,
-                                     run->diag);
+    enum ls_err err =
+        ls_lights_poll(run->seq->lights, &run->status, run->events, EVENTS, &n, run->diag);
     for (size_t i = 0; i < n && !err; i++)
         err = pass_on(run, &run->events[i]);
     if (err)
@@ -163,8 +162,8 @@ static enum ls_err flow(struct run *run)
         uint32_t settled, limit = credit_limit(run, &settled);
         if (settled == run->program->n_steps)
             return LS_OK;
-        uint32_t want = ls_credit_grant(&run->credit, run->granted, run->status.fired, limit,
-                                        ls_host_ns());
+        uint32_t want =
+            ls_credit_grant(&run->credit, run->granted, run->status.fired, limit, ls_host_ns());
         enum ls_err err = interrupted(run->seq);
         if (!err && want > run->granted)
             err = grant(run, want);

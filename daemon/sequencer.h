@@ -30,11 +30,11 @@ struct ls_sequencer_camera {
     struct ls_camera *camera;
     struct ls_camera_thread *thread;
     const struct ls_ring *ring;
-    bool by_time;     /* bound by time, else by order */
-    bool software;    /* triggered by us once a step is lit */
-    bool timed;       /* exposure is a register, else the pulse's width */
+    bool by_time;                 /* bound by time, else by order */
+    bool software;                /* triggered by us once a step is lit */
+    bool timed;                   /* exposure is a register, else the pulse's width */
     double asked_us, exposure_us; /* timed: written to the register, and what it holds */
-    double offset_us; /* not timed: added by the sensor to the pulse */
+    double offset_us;             /* not timed: added by the sensor to the pulse */
 };
 
 struct ls_sequencer {
@@ -42,9 +42,9 @@ struct ls_sequencer {
     uint32_t n_cameras;
     struct ls_sequencer_camera cameras[LS_MAX_CAMERAS];
     bool stepwise;
-    bool live;             /* subject */
-    uint64_t patience_us;  /* host time a step may go without its frame, stepwise */
-    uint64_t stall_us;     /* without any step event while some are granted: the controller hangs */
+    bool live;            /* subject */
+    uint64_t patience_us; /* host time a step may go without its frame, stepwise */
+    uint64_t stall_us;    /* without any step event while some are granted: the controller hangs */
     const _Atomic bool *abort;
     const _Atomic int *failure; /* enum ls_err of another stage: stop; LS_OK = go on */
     /* results, added up over programs */
@@ -60,8 +60,7 @@ struct ls_sequencer {
  * or controller), LS_ERR_MISMATCH (controller restarted; events lost), those of ls_lights_load.
  */
 LS_MUST_CHECK enum ls_err ls_sequencer_run(struct ls_sequencer *sequencer,
-                                           const struct ls_program *program,
-                                           struct ls_diag *diag);
+                                           const struct ls_program *program, struct ls_diag *diag);
 
 /** Names of latched faults, comma-separated, into @text. */
 void ls_sequencer_fault_names(uint32_t faults, char *text, size_t size);

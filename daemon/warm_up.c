@@ -7,7 +7,7 @@
 
 enum {
     PULSES_MAX = 24,
-    GOOD_PULSES = 5,      /* frames of one camera, one after the other, that agree */
+    GOOD_PULSES = 5, /* frames of one camera, one after the other, that agree */
     LATCHES = 8,
     POLL_US = 1000,
     EVENT_TIMEOUT_US = 5000000,
@@ -217,8 +217,7 @@ static enum ls_err cold(struct warming *w)
                            "camera %s does not answer the trigger: of %d dark pulses the last %u "
                            "gave usable frames, expected %d in a row; check the trigger cable, "
                            "trigger source and network",
-                           w->warm_up->cameras[i].name, PULSES_MAX, w->tracks[i].good,
-                           GOOD_PULSES);
+                           w->warm_up->cameras[i].name, PULSES_MAX, w->tracks[i].good, GOOD_PULSES);
     return LS_OK;
 }
 
@@ -262,8 +261,7 @@ static enum ls_err load(struct ls_warm_up *warm_up, struct ls_diag *diag)
     const struct ls_condition dark = {.kind = LS_CONDITION_DARK};
     struct ls_step steps[PULSES_MAX];
     for (uint32_t i = 0; i < PULSES_MAX; i++)
-        steps[i] =
-            (struct ls_step){.pulse_us = warm_up->pulse_us, .settle_us = warm_up->settle_us};
+        steps[i] = (struct ls_step){.pulse_us = warm_up->pulse_us, .settle_us = warm_up->settle_us};
     const struct ls_program program = {.conditions = &dark,
                                        .n_conditions = 1,
                                        .steps = steps,

@@ -46,9 +46,9 @@ struct ls_warm_up {
 };
 
 /**
- * Run it; cameras are started. Errors: LS_ERR_TIMEOUT (a camera answers no pulse: the sentence names
- * it), LS_ERR_MISMATCH (its clock makes no sense), LS_ERR_ABORTED, those of the devices. LEDs are
- * dark throughout.
+ * Run it; cameras are started. Errors: LS_ERR_TIMEOUT (a camera answers no pulse: the sentence
+ * names it), LS_ERR_MISMATCH (its clock makes no sense), LS_ERR_ABORTED, those of the devices. LEDs
+ * are dark throughout.
  */
 LS_MUST_CHECK enum ls_err ls_warm_up_run(struct ls_warm_up *warm_up, struct ls_diag *diag);
 
