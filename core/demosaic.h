@@ -2,9 +2,11 @@
  * demosaic: a float mosaic to RGB, for any region, identical to the same region of the whole.
  * Layer: core. Threads: any; pure. Ownership: everything is the caller's.
  *
- * Two linear, shift-invariant filters. Linear matters: summing lights on the mosaic and
- * demosaicing once is exact for weights equal in R, G and B, and only for those. Ratios and
- * matrices are formed after demosaicing, never before.
+ * Two linear filters. Summing lights on the mosaic and demosaicing once is therefore exact for
+ * weights equal in R, G and B. For weights that differ it is wrong with GRADIENT, which mixes
+ * colours (accumulate once per distinct weight), and exact with BILINEAR, which does not, if each
+ * pixel takes its own colour's weight. Ratios and matrices are formed after demosaicing, never
+ * before.
  *
  * BILINEAR averages the 2 or 4 nearest samples of the colour. GRADIENT (default) adds the second
  * derivative of the colour that *is* known at the pixel, the class of Malvar, He and Cutler,

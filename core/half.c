@@ -2,7 +2,7 @@
 
 #include <string.h>
 
-#if defined(__x86_64__)
+#if defined(__x86_64__) && !defined(LS_PORTABLE)
 #include <immintrin.h>
 #endif
 
@@ -60,7 +60,7 @@ static void to_floats_reference(const uint16_t *in, float *out, size_t n)
         out[i] = ls_half_to_float(in[i]);
 }
 
-#if defined(__x86_64__)
+#if defined(__x86_64__) && !defined(LS_PORTABLE)
 __attribute__((target("avx,f16c"))) static void from_floats_f16c(const float *in, uint16_t *out,
                                                                  size_t n)
 {

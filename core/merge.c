@@ -28,10 +28,10 @@ struct model {
     uint32_t n;
     uint32_t order[EXPOSURES]; /* sorted -> caller's index */
     float t[EXPOSURES];
-    float low, high, clip;     /* DN */
-    float noise, shot;         /* sigma^2 = noise + shot max(E t, 0), DN^2 */
-    float scale, scale2;       /* DN -> full scale, and its square */
-    int variance;              /* wanted */
+    float low, high, clip; /* DN */
+    float noise, shot;     /* sigma^2 = noise + shot max(E t, 0), DN^2 */
+    float scale, scale2;   /* DN -> full scale, and its square */
+    int variance;          /* wanted */
 };
 
 struct block {
@@ -75,7 +75,8 @@ INLINE void merge_lanes(const struct model *m, struct block *b, int p, uint32_t 
     floats sum = {0}, norm = {0}, e;
     ints live[EXPOSURES];
 
-    UNROLL for (uint32_t i = 0; i < n; i++) {
+    UNROLL for (uint32_t i = 0; i < n; i++)
+    {
         shorts x16;
         memcpy(&x16, &b->x[i][p], sizeof x16);
         memcpy(&dark[i], &b->dark[i][p], sizeof dark[i]);
@@ -88,7 +89,8 @@ INLINE void merge_lanes(const struct model *m, struct block *b, int p, uint32_t 
     e = KEEP(norm > 0, sum / norm);
 
     sum = norm = (floats){0};
-    UNROLL for (uint32_t i = 0; i < n; i++) {
+    UNROLL for (uint32_t i = 0; i < n; i++)
+    {
         floats weight = KEEP(live[i], m->t[i] / VARIANCE(m, e * m->t[i]));
         sum += weight * y[i];
         norm += weight * m->t[i];
@@ -100,7 +102,8 @@ INLINE void merge_lanes(const struct model *m, struct block *b, int p, uint32_t 
     ints any_in = {0}, any_high = {0}, any_low = {0};
     floats y_back = y[0], t_back = (floats){0} + m->t[0];
     sum = norm = (floats){0};
-    UNROLL for (uint32_t i = 0; i < n; i++) {
+    UNROLL for (uint32_t i = 0; i < n; i++)
+    {
         floats expected = dark[i] + e * m->t[i];
         ints high = ~live[i] | (expected > m->high);
         ints low = ~high & (expected < m->low);
@@ -133,9 +136,9 @@ INLINE void merge_n(const struct model *m, struct block *b, uint32_t n)
 
 INLINE void merge_block(const struct model *m, struct block *b)
 {
-#define INSTANCE(n)                                                                                \
-    case n:                                                                                        \
-        merge_n(m, b, n);                                                                          \
+#define INSTANCE(n)       \
+    case n:               \
+        merge_n(m, b, n); \
         break;
     switch (m->n) {
         INSTANCE(1)
@@ -150,9 +153,8 @@ INLINE void merge_block(const struct model *m, struct block *b)
 #undef INSTANCE
 }
 
-#if defined(__x86_64__)
-__attribute__((target("avx2"))) static void merge_block_avx2(const struct model *m,
-                                                             struct block *b)
+#if defined(__x86_64__) && !defined(LS_PORTABLE)
+__attribute__((target("avx2"))) static void merge_block_avx2(const struct model *m, struct block *b)
 {
     merge_block(m, b);
 }
@@ -160,7 +162,7 @@ __attribute__((target("avx2"))) static void merge_block_avx2(const struct model 
 
 static void merge_block_any(const struct model *m, struct block *b)
 {
-#if defined(__x86_64__)
+#if defined(__x86_64__) && !defined(LS_PORTABLE)
     if (__builtin_cpu_supports("avx2")) {
         merge_block_avx2(m, b);
         return;
@@ -170,8 +172,7 @@ static void merge_block_any(const struct model *m, struct block *b)
 }
 
 static void load(const struct model *m, const struct ls_merge_params *p,
-                 const struct ls_merge_spans *s, size_t first, size_t n, size_t at,
-                 struct block *b)
+                 const struct ls_merge_spans *s, size_t first, size_t n, size_t at, struct block *b)
 {
     for (uint32_t i = 0; i < m->n; i++) {
         uint32_t k = m->order[i];

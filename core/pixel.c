@@ -7,13 +7,16 @@
 #error "samples are read in the byte order of the wire, which is little-endian"
 #endif
 
-#define FORMATS(NAME, CFA, c8, c10, c12, c16, c10k, c12k, c10p, c12p)                              \
-    {NAME "8", c8, 8, 8, LS_PACKING_8, CFA}, {NAME "10", c10, 10, 16, LS_PACKING_16, CFA},         \
-        {NAME "12", c12, 12, 16, LS_PACKING_16, CFA}, {NAME "16", c16, 16, 16, LS_PACKING_16, CFA}, \
-        {NAME "10Packed", c10k, 10, 12, LS_PACKING_GEV, CFA},                                      \
-        {NAME "12Packed", c12k, 12, 12, LS_PACKING_GEV, CFA},                                      \
-        {NAME "10p", c10p, 10, 10, LS_PACKING_LSB, CFA},                                           \
-        {NAME "12p", c12p, 12, 12, LS_PACKING_LSB, CFA}
+#define FORMATS(NAME, CFA, c8, c10, c12, c16, c10k, c12k, c10p, c12p)                      \
+    {NAME "8", c8, 8, 8, LS_PACKING_8, CFA}, {NAME "10", c10, 10, 16, LS_PACKING_16, CFA}, \
+        {NAME "12", c12, 12, 16, LS_PACKING_16, CFA},                                      \
+        {NAME "16", c16, 16, 16, LS_PACKING_16, CFA},                                      \
+        {NAME "10Packed", c10k, 10, 12, LS_PACKING_GEV, CFA},                              \
+        {NAME "12Packed", c12k, 12, 12, LS_PACKING_GEV, CFA},                              \
+        {NAME "10p", c10p, 10, 10, LS_PACKING_LSB, CFA},                                   \
+    {                                                                                      \
+        NAME "12p", c12p, 12, 12, LS_PACKING_LSB, CFA                                      \
+    }
 
 static const struct ls_pixel_format formats[] = {
     FORMATS("Mono", LS_CFA_NONE, 0x01080001, 0x01100003, 0x01100005, 0x01100007, 0x010C0004,

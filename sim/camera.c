@@ -32,6 +32,7 @@ struct job {
 struct sim_camera {
     uint32_t index;
     double exposure_offset_us, max_frame_rate_hz;
+    uint64_t first_block;
     struct sim_camera_faults faults;
     struct sim_camera_callbacks callbacks;
     struct sim_clock clock;
@@ -45,7 +46,7 @@ struct sim_camera {
     pthread_cond_t changed;
     bool quit, acquiring;
     uint64_t acquisition; /* how many there were */
-    uint64_t frames;      /* numbered since AcquisitionStart */
+    uint64_t last_frame;  /* id */
     uint64_t busy_until_ns, next_free_ns;
     uint32_t edges;
     struct job queue[QUEUE];
@@ -106,7 +107,7 @@ static void expose(struct sim_camera *c, struct job *job, const struct sim_camer
     uint64_t end_ns = start_ns + ns_of_us(job->exposure.exposure_us);
     uint64_t next_ns = start_ns + (uint64_t)(1e9 / c->max_frame_rate_hz);
     c->busy_until_ns = end_ns > next_ns ? end_ns : next_ns;
-    job->frame_id = ++c->frames;
+    job->frame_id = ++c->last_frame;
     job->acquisition = c->acquisition;
     job->exposure.sequence = c->stats.exposures++;
     if (s->single_frame)
@@ -367,7 +368,7 @@ static void start_acquisition(struct sim_camera *c)
         return;
     c->acquiring = true;
     c->acquisition++;
-    c->frames = 0;
+    c->last_frame = c->first_block - 1;
     c->next_free_ns = sim_now_ns();
     sim_gvsp_forget(c->gvsp);
     pthread_cond_signal(&c->changed);
@@ -485,6 +486,7 @@ static struct sim_camera *allocate(const struct sim_camera_config *config,
     c->index = config->index;
     c->exposure_offset_us = config->exposure_offset_us;
     c->max_frame_rate_hz = config->max_frame_rate_hz > 0 ? config->max_frame_rate_hz : 100;
+    c->first_block = config->first_block ? config->first_block : 1;
     c->faults = config->faults;
     c->callbacks = *callbacks;
     c->clock = (struct sim_clock){sim_now_ns(), config->clock_epoch_ticks, 1e9,

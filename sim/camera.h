@@ -14,7 +14,7 @@
  *   TriggerWidth  exposure = pulse + exposure_offset_us, lit = pulse
  * A trigger is missed when it comes before max(end of the last exposure, last start + 1 /
  * max_frame_rate), or while the camera does not acquire on that trigger: it is counted and
- * produces nothing. Block ids start at 1 at each AcquisitionStart and wrap 65535 -> 1.
+ * produces nothing. Block ids start anew at each AcquisitionStart and wrap 65535 -> 1.
  */
 #ifndef LS_SIM_CAMERA_H
 #define LS_SIM_CAMERA_H
@@ -58,6 +58,7 @@ struct sim_camera_config {
     double max_frame_rate_hz;   /* 0 = 100 */
     double clock_drift_ppm;
     uint64_t clock_epoch_ticks; /* camera clock (1 GHz) at create */
+    uint64_t first_block;       /* id of the first frame after AcquisitionStart; 0 = 1 */
     bool rolling;               /* SensorShutterMode says Rolling */
     struct sim_camera_faults faults;
 };
@@ -75,8 +76,8 @@ struct sim_camera_callbacks {
     void (*shown)(void *user, uint64_t start_ns, uint64_t end_ns, uint32_t *condition,
                   uint32_t *step, double *lit_us);
     /** Once per exposure, and once per pulse that became none. @frame_id is the block id extended
-     * past 16 bits, counted from AcquisitionStart; 0 if there is no frame. @camera_ticks: camera
-     * clock at the start of the exposure. */
+     * past 16 bits; 0 if there is no frame. @camera_ticks: camera clock at the start of the
+     * exposure. */
     void (*log)(void *user, const struct sim_exposure *exposure, uint64_t frame_id,
                 uint64_t camera_ticks, enum sim_camera_fate fate);
 };

@@ -71,7 +71,7 @@ static const struct rule {
     {SIM_REG_LUT_ENABLE, ENUM, false, 0, 0},
     {SIM_REG_CHUNK_MODE, ENUM, true, 0, 1},
     {SIM_REG_CHUNK_SELECTOR, ENUM, false, 0, SIM_N_CHUNKS - 1},
-    {SIM_REG_CHUNK_ENABLE + 4 * SIM_CHUNK_IMAGE, ENUM, true, 1, 1},
+    {SIM_REG_CHUNK_ENABLE + 4 * SIM_CHUNK_IMAGE, INT, true, 1, 1},
     {SIM_REG_CHUNK_ENABLE + 4 * SIM_CHUNK_TIMESTAMP, ENUM, true, 0, 1},
     {SIM_REG_CHUNK_ENABLE + 4 * SIM_CHUNK_EXPOSURE, ENUM, true, 0, 1},
     {SIM_REG_CHUNK_ENABLE + 4 * SIM_CHUNK_COUNTER, ENUM, true, 0, 1},

@@ -22,6 +22,7 @@ enum sim_controller_fault_kind {
     SIM_CONTROLLER_REFUSE,     /* the next count commits end as unprepared; at, value unused */
     SIM_CONTROLLER_DISCONNECT, /* every TCP connection is closed after step at */
     SIM_CONTROLLER_INTERLOCK,  /* opens before step at; closes again after value ms, 0 = never */
+    SIM_CONTROLLER_ESTOP,      /* as interlock, of the emergency stop */
     SIM_CONTROLLER_DEAD,       /* no request is answered after step at, for value ms, 0 = for ever */
     SIM_CONTROLLER_CORRUPT,    /* the next count window writes lose a bit */
 };

@@ -1,0 +1,67 @@
+/*
+ * job: an answer too long for ls-main, made one frame at a time on ls-serve threads.
+ * Layer: daemon. Threads: stated per function. Ownership: a job belongs to its session while it
+ * waits and to the thread that steps it while it is stepped.
+ *
+ * A step makes at most one frame and returns; nobody asks for the next until the client has taken
+ * most of the last. So a stalled client holds a parked job and one frame, never a thread.
+ */
+#ifndef LS_DAEMON_JOB_H
+#define LS_DAEMON_JOB_H
+
+#include "core/error.h"
+#include "daemon/outbox.h"
+
+#include <glib.h>
+#include <stdbool.h>
+#include <stdint.h>
+
+struct ls_job;
+
+struct ls_job_ops {
+    const char *name;
+    /** ls-serve. Make the next frame, or none (leave @chunk zero) to be called again; set *last
+     * with the last frame, which carries LS_FRAME_LAST. An error ends the job; what it left in
+     * @chunk is freed. Long steps look at ls_job_cancelled now and then. */
+    enum ls_err (*step)(struct ls_job *job, struct ls_chunk *chunk, bool *last,
+                        struct ls_diag *diag);
+    /** Any thread, once, when nobody steps it. */
+    void (*destroy)(struct ls_job *job);
+};
+
+/** First member of every kind of job. */
+struct ls_job {
+    const struct ls_job_ops *ops;
+    uint32_t request;
+    int cancelled; /* atomic */
+};
+
+/** Any thread. */
+void ls_job_cancel(struct ls_job *job);
+bool ls_job_cancelled(const struct ls_job *job);
+
+/** What a step came to. */
+struct ls_job_result {
+    enum ls_err err;
+    bool last;
+    struct ls_chunk chunk;
+    struct ls_diag diag;
+};
+
+/** Called on ls-main with the result; takes the chunk. */
+typedef void ls_job_done(void *user, struct ls_job *job, struct ls_job_result *result);
+
+/** The ls-serve threads. */
+struct ls_job_pool;
+
+/** Start @n_threads threads that report to the default main context. (transfer full). */
+struct ls_job_pool *ls_job_pool_create(unsigned n_threads);
+
+/** ls-main. Step @job once on some thread, then call @done with @user. */
+void ls_job_pool_step(struct ls_job_pool *pool, struct ls_job *job, ls_job_done *done, void *user);
+
+/** ls-main. Finish what is queued (jobs should be cancelled first), report it, end the threads.
+ * NULL is allowed. */
+void ls_job_pool_destroy(struct ls_job_pool *pool);
+
+#endif

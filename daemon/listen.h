@@ -1,0 +1,15 @@
+/*
+ * listen: the daemon's Unix socket: made, taken over from a dead daemon, never from a living one.
+ * Layer: daemon. Threads: any. Ownership: the caller owns the descriptor.
+ */
+#ifndef LS_DAEMON_LISTEN_H
+#define LS_DAEMON_LISTEN_H
+
+#include "core/error.h"
+
+/** Bind and listen at @path, mode 0660, non-blocking. Errors: LS_ERR_BUSY (somebody answers there),
+ * LS_ERR_EXISTS (not a socket), LS_ERR_INVALID (path too long), LS_ERR_NOT_FOUND (no such folder),
+ * LS_ERR_OS. */
+LS_MUST_CHECK enum ls_err ls_listen_unix(const char *path, int *fd, struct ls_diag *diag);
+
+#endif

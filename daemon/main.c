@@ -1,0 +1,163 @@
+/*
+ * lightstaged: the daemon's life. Load the configuration, listen, serve until told to stop, and
+ * leave the stage dark.
+ */
+#include "daemon/config.h"
+#include "daemon/engine.h"
+#include "daemon/privileges.h"
+#include "daemon/server.h"
+
+#include <errno.h>
+#include <getopt.h>
+#include <glib-unix.h>
+#include <signal.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
+enum { EXIT_USAGE = 2 };
+
+static const char usage[] =
+    "usage: lightstaged --config FILE [--ready-fd N]\n"
+    "\n"
+    "Run a light stage: sequence its lights, trigger its cameras, store and serve its takes.\n"
+    "\n"
+    "  -c, --config FILE   daemon configuration; its keys are documented in daemon/README.md\n"
+    "      --ready-fd N    write one line of JSON to descriptor N once clients may connect\n"
+    "      --check         read configuration, rig and calibration, say whether they are good\n"
+    "  -h, --help          print this and exit\n"
+    "      --version       print the version and exit\n"
+    "\n"
+    "SIGTERM or SIGINT ends a running take (lights dark, what is stored stays) and the daemon.\n"
+    "Exit status: 0 ended as asked, 1 could not start (a sentence says why), 2 wrong usage.\n";
+
+struct options {
+    const char *config;
+    int ready_fd;
+    bool check;
+};
+
+static struct options parse_options(int argc, char **argv)
+{
+    enum { READY_FD = 256, VERSION, CHECK };
+    static const struct option longs[] = {
+        { "config", required_argument, NULL, 'c' },  { "ready-fd", required_argument, NULL, READY_FD },
+        { "check", no_argument, NULL, CHECK },       { "help", no_argument, NULL, 'h' },
+        { "version", no_argument, NULL, VERSION },   { 0 },
+    };
+    struct options o = { .ready_fd = -1 };
+    for (int c; (c = getopt_long(argc, argv, "c:h", longs, NULL)) != -1;) {
+        switch (c) {
+        case 'c':
+            o.config = optarg;
+            break;
+        case READY_FD:
+            o.ready_fd = atoi(optarg);
+            break;
+        case CHECK:
+            o.check = true;
+            break;
+        case 'h':
+            fputs(usage, stdout);
+            exit(EXIT_SUCCESS);
+        case VERSION:
+            puts("lightstaged " LS_VERSION);
+            exit(EXIT_SUCCESS);
+        default:
+            fputs(usage, stderr);
+            exit(EXIT_USAGE);
+        }
+    }
+    if (optind != argc || !o.config) {
+        fputs(usage, stderr);
+        exit(EXIT_USAGE);
+    }
+    return o;
+}
+
+/* What the loop's callbacks need. */
+struct daemon {
+    struct ls_config *config;
+    struct ls_engine *engine;
+    struct ls_server *server;
+    GMainLoop *loop;
+};
+
+static void on_take(void *user, const struct ls_take_status *status)
+{
+    struct daemon *d = user;
+    if (d->server)
+        ls_server_take_event(d->server, status);
+}
+
+static gboolean on_signal(gpointer user)
+{
+    struct daemon *d = user;
+    g_main_loop_quit(d->loop);
+    return G_SOURCE_CONTINUE;
+}
+
+static enum ls_err prepare(struct daemon *d, const struct options *o, struct ls_diag *diag)
+{
+    enum ls_err err = ls_config_load(o->config, &d->config, diag);
+    if (err)
+        return err;
+    if (mkdir(d->config->storage, 0777) && errno != EEXIST)
+        return ls_fail(diag, LS_ERR_OS, "storage folder %s: %m", d->config->storage);
+    return ls_engine_create(d->config, on_take, d, &d->engine, diag);
+}
+
+static enum ls_err listen_for_clients(struct daemon *d, struct ls_diag *diag)
+{
+    const struct ls_server_config server = { .socket_path = d->config->socket_path,
+                                             .storage = d->config->storage };
+    return ls_server_create(&server, d->engine, &d->server, diag);
+}
+
+static void say_ready(const struct daemon *d, int fd)
+{
+    char missing[256];
+    ls_privileges_missing(missing, sizeof missing);
+    fprintf(stderr, "lightstaged %s: listening on %s\n", LS_VERSION, d->config->socket_path);
+    if (missing[0])
+        fprintf(stderr, "lightstaged: running without %s\n", missing);
+    if (fd >= 0 && dprintf(fd, "{\"ready\":true,\"pid\":%d,\"socket\":\"%s\"}\n", (int)getpid(),
+                           d->config->socket_path) < 0)
+        fprintf(stderr, "lightstaged: --ready-fd %d: %s\n", fd, strerror(errno));
+}
+
+static void run(struct daemon *d, int ready_fd)
+{
+    d->loop = g_main_loop_new(NULL, FALSE);
+    guint term = g_unix_signal_add(SIGTERM, on_signal, d);
+    guint interrupt = g_unix_signal_add(SIGINT, on_signal, d);
+    say_ready(d, ready_fd);
+    g_main_loop_run(d->loop);
+    g_source_remove(term);
+    g_source_remove(interrupt);
+    g_main_loop_unref(d->loop);
+}
+
+int main(int argc, char **argv)
+{
+    const struct options o = parse_options(argc, argv);
+    struct daemon d = { 0 };
+    struct ls_diag diag = { 0 };
+    signal(SIGPIPE, SIG_IGN);
+    enum ls_err err = prepare(&d, &o, &diag);
+    if (!err && !o.check)
+        err = listen_for_clients(&d, &diag);
+    if (err)
+        fprintf(stderr, "lightstaged: %s\n", diag.text);
+    else if (o.check)
+        printf("%s: good: %u lights, %u channels, %u cameras\n", o.config, d.config->n_lights,
+               d.config->n_channels, d.config->n_cameras);
+    else
+        run(&d, o.ready_fd);
+    ls_engine_destroy(d.engine); /* first: a running take ends dark and tells its clients */
+    ls_server_destroy(d.server);
+    ls_config_destroy(d.config);
+    return err ? EXIT_FAILURE : EXIT_SUCCESS;
+}

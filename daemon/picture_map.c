@@ -1,0 +1,114 @@
+#include "daemon/picture_map.h"
+
+#include "core/half.h"
+
+#include <errno.h>
+#include <fcntl.h>
+#include <string.h>
+#include <stdio.h>
+#include <sys/mman.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
+static enum ls_err map_file(struct ls_picture_map *map, const char *path, struct ls_diag *diag)
+{
+    struct stat info;
+    int fd = open(path, O_RDONLY | O_CLOEXEC | O_NOFOLLOW);
+    if (fd < 0)
+        return ls_fail(diag, errno == ENOENT ? LS_ERR_NOT_FOUND : LS_ERR_OS, "%s: %s", path,
+                       strerror(errno));
+    enum ls_err err = LS_OK;
+    if (fstat(fd, &info) || !S_ISREG(info.st_mode) || info.st_size <= 0) {
+        err = ls_fail(diag, LS_ERR_INVALID, "%s: expected a file that is not empty", path);
+    } else {
+        map->bytes = (size_t)info.st_size;
+        map->base = mmap(NULL, map->bytes, PROT_READ, MAP_SHARED, fd, 0);
+        if (map->base == MAP_FAILED) {
+            map->base = NULL;
+            err = ls_fail(diag, LS_ERR_OS, "%s: cannot be mapped: %s", path, strerror(errno));
+        }
+    }
+    close(fd);
+    return err;
+}
+
+static enum ls_err check(const struct ls_picture_map *map, const char *path, uint32_t width,
+                         uint32_t height, struct ls_diag *diag)
+{
+    const struct ls_exr_tiles *t = &map->tiles;
+    if (t->width != width || t->height != height)
+        return ls_fail(diag, LS_ERR_INVALID, "%s: %u x %u pixels, expected %u x %u", path,
+                       t->width, t->height, width, height);
+    if (t->type != LS_EXR_HALF || t->tile_w != LS_EXR_TILE_PX || t->tile_h != LS_EXR_TILE_PX)
+        return ls_fail(diag, LS_ERR_INVALID, "%s: expected half floats in tiles of 64 x 64", path);
+    return LS_OK;
+}
+
+enum ls_err ls_picture_map_open(struct ls_picture_map *map, const char *folder, const char *file,
+                                uint32_t width, uint32_t height, struct ls_diag *diag)
+{
+    char path[4096];
+    memset(map, 0, sizeof *map);
+    if (snprintf(path, sizeof path, "%s/%s", folder, file) >= (int)sizeof path)
+        return ls_fail(diag, LS_ERR_INVALID, "%s: the path is too long", folder);
+    enum ls_err err = map_file(map, path, diag);
+    if (!err)
+        err = ls_exr_map_tiles(map->base, map->bytes, NULL, &map->tiles, diag);
+    if (!err)
+        err = check(map, path, width, height, diag);
+    if (err)
+        ls_picture_map_finish(map);
+    return err;
+}
+
+/* A run of pixels inside one tile row. */
+struct run {
+    const uint8_t *halfs; /* any alignment */
+    uint32_t n;
+};
+
+static struct run run_at(const struct ls_exr_tiles *t, uint32_t x, uint32_t y, uint32_t end)
+{
+    uint32_t tx = x / t->tile_w, ty = y / t->tile_h;
+    uint32_t across = ls_exr_tile_width(t, tx), in_x = x % t->tile_w, in_y = y % t->tile_h;
+    uint32_t left = across - in_x;
+    const uint8_t *tile = t->tile[(size_t)ty * t->n_x + tx];
+    return (struct run){.halfs = tile + 2 * ((size_t)in_y * across + in_x),
+                        .n = left < end - x ? left : end - x};
+}
+
+void ls_picture_map_read_half(const struct ls_picture_map *map, uint32_t x, uint32_t y,
+                              uint32_t width, uint32_t height, uint16_t *out)
+{
+    for (uint32_t row = y; row < y + height; row++)
+        for (uint32_t col = x; col < x + width;) {
+            struct run run = run_at(&map->tiles, col, row, x + width);
+            memcpy(out, run.halfs, 2 * (size_t)run.n);
+            out += run.n;
+            col += run.n;
+        }
+}
+
+void ls_picture_map_read(const struct ls_picture_map *map, uint32_t x, uint32_t y, uint32_t width,
+                         uint32_t height, float gain, float *out)
+{
+    uint16_t halfs[LS_EXR_TILE_PX];
+    for (uint32_t row = y; row < y + height; row++)
+        for (uint32_t col = x; col < x + width;) {
+            struct run run = run_at(&map->tiles, col, row, x + width);
+            memcpy(halfs, run.halfs, 2 * (size_t)run.n);
+            ls_half_to_floats(halfs, out, run.n);
+            for (uint32_t i = 0; i < run.n; i++)
+                out[i] *= gain;
+            out += run.n;
+            col += run.n;
+        }
+}
+
+void ls_picture_map_finish(struct ls_picture_map *map)
+{
+    ls_exr_tiles_finish(&map->tiles);
+    if (map->base)
+        munmap(map->base, map->bytes);
+    memset(map, 0, sizeof *map);
+}

@@ -1,0 +1,43 @@
+/*
+ * picture_map: one published picture, mapped read-only, its tiles in place.
+ * Layer: daemon. Threads: opened by one, then read-only, any. Ownership: unmapped by finish; the
+ * descriptor is closed as soon as the file is mapped (Modbus selects: they must stay few).
+ */
+#ifndef LS_DAEMON_PICTURE_MAP_H
+#define LS_DAEMON_PICTURE_MAP_H
+
+#include "core/error.h"
+#include "core/exr.h"
+
+#include <stddef.h>
+#include <stdint.h>
+
+struct ls_picture_map {
+    void *base;
+    size_t bytes;
+    struct ls_exr_tiles tiles;
+};
+
+/**
+ * Map @folder/@file, which must be a picture of @width x @height halves in 64 x 64 tiles. A
+ * published file never changes length, which is what makes mapping it safe. Errors:
+ * LS_ERR_NOT_FOUND, LS_ERR_OS, LS_ERR_INVALID (not what was published), those of
+ * ls_exr_map_tiles.
+ */
+LS_MUST_CHECK enum ls_err ls_picture_map_open(struct ls_picture_map *map, const char *folder,
+                                              const char *file, uint32_t width, uint32_t height,
+                                              struct ls_diag *diag);
+
+/** Copy pixels [x, x + width) x [y, y + height), inside the picture, times @gain. Row stride
+ * @width. */
+void ls_picture_map_read(const struct ls_picture_map *map, uint32_t x, uint32_t y, uint32_t width,
+                         uint32_t height, float gain, float *out);
+
+/** As ls_picture_map_read, the stored bits. */
+void ls_picture_map_read_half(const struct ls_picture_map *map, uint32_t x, uint32_t y,
+                              uint32_t width, uint32_t height, uint16_t *out);
+
+/** Zeroed is allowed. */
+void ls_picture_map_finish(struct ls_picture_map *map);
+
+#endif

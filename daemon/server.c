@@ -1,0 +1,139 @@
+#include "daemon/server.h"
+
+#include "daemon/listen.h"
+#include "daemon/service.h"
+#include "daemon/session.h"
+
+#include <errno.h>
+#include <glib-unix.h>
+#include <stdio.h>
+#include <string.h>
+#include <sys/socket.h>
+#include <unistd.h>
+
+enum {
+    TICK_MS = 250,
+    IDLE_FIELDS = 2,
+    SEND_BYTES = 1024 * 1024, /* socket buffer asked for; the kernel caps it */
+};
+
+struct ls_server {
+    struct ls_service service;
+    char *socket_path, *storage;
+    int fd;
+    guint accepting, ticking;
+};
+
+static void fill_defaults(struct ls_server_config *config)
+{
+    unsigned processors = g_get_num_processors();
+    if (!config->max_connections)
+        config->max_connections = 64;
+    if (!config->max_requests)
+        config->max_requests = 8;
+    if (!config->serve_threads)
+        config->serve_threads = processors < 2 ? 2 : processors > 4 ? 4 : processors;
+    if (!config->hello_ms)
+        config->hello_ms = 10000;
+    if (!config->stall_ms)
+        config->stall_ms = 30000;
+    if (!config->max_payload)
+        config->max_payload = 1024 * 1024;
+}
+
+static bool peer_of(int fd, struct ls_peer *peer)
+{
+    struct ucred credentials;
+    socklen_t size = sizeof credentials;
+    if (getsockopt(fd, SOL_SOCKET, SO_PEERCRED, &credentials, &size))
+        return false;
+    *peer = (struct ls_peer){credentials.pid, credentials.uid, credentials.gid};
+    return true;
+}
+
+static gboolean on_connection(gint listener, GIOCondition condition, gpointer data)
+{
+    struct ls_server *server = data;
+    struct ls_peer peer;
+    int size = SEND_BYTES;
+    int fd = accept4(listener, NULL, NULL, SOCK_CLOEXEC | SOCK_NONBLOCK);
+    if (fd < 0)
+        return G_SOURCE_CONTINUE;
+    if (!peer_of(fd, &peer)) {
+        close(fd);
+        return G_SOURCE_CONTINUE;
+    }
+    setsockopt(fd, SOL_SOCKET, SO_SNDBUF, &size, sizeof size);
+    if (server->service.n_sessions >= server->service.config.max_connections)
+        ls_session_turn_away(fd, server->service.config.max_connections);
+    else
+        ls_session_start(&server->service, fd, &peer);
+    return G_SOURCE_CONTINUE;
+}
+
+static gboolean on_tick(gpointer data)
+{
+    struct ls_server *server = data;
+    int64_t now = g_get_monotonic_time();
+    for (GList *l = server->service.sessions, *next; l; l = next) {
+        next = l->next;
+        ls_session_tick(l->data, now);
+    }
+    return G_SOURCE_CONTINUE;
+}
+
+enum ls_err ls_server_create(const struct ls_server_config *config, struct ls_engine *engine,
+                             struct ls_server **out, struct ls_diag *diag)
+{
+    int fd = -1;
+    enum ls_err err = ls_listen_unix(config->socket_path, &fd, diag);
+    if (err)
+        return err;
+    struct ls_server *server = g_new0(struct ls_server, 1);
+    struct ls_service *service = &server->service;
+    server->fd = fd;
+    server->socket_path = g_strdup(config->socket_path);
+    server->storage = g_strdup(config->storage);
+    service->config = *config;
+    service->config.socket_path = server->socket_path;
+    service->config.storage = server->storage;
+    fill_defaults(&service->config);
+    service->engine = engine;
+    service->fields = ls_field_cache_create(server->storage, IDLE_FIELDS);
+    service->pool = ls_job_pool_create(service->config.serve_threads);
+    server->accepting = g_unix_fd_add(fd, G_IO_IN, on_connection, server);
+    server->ticking = g_timeout_add(TICK_MS, on_tick, server);
+    *out = server;
+    return LS_OK;
+}
+
+void ls_server_take_event(struct ls_server *server, const struct ls_take_status *status)
+{
+    server->service.take = *status;
+    for (GList *l = server->service.sessions, *next; l; l = next) {
+        next = l->next;
+        ls_session_take_event(l->data);
+    }
+}
+
+unsigned ls_server_connections(const struct ls_server *server)
+{
+    return server->service.n_sessions;
+}
+
+void ls_server_destroy(struct ls_server *server)
+{
+    if (!server)
+        return;
+    g_source_remove(server->accepting);
+    g_source_remove(server->ticking);
+    unlink(server->socket_path);
+    close(server->fd);
+    while (server->service.sessions)
+        ls_session_shutdown(server->service.sessions->data);
+    ls_job_pool_destroy(server->service.pool);
+    ls_field_cache_destroy(server->service.fields);
+    g_free(server->socket_path);
+    g_free(server->storage);
+    g_free(server);
+}

@@ -1,0 +1,53 @@
+/*
+ * server: the Unix socket, its clients, and what they share.
+ * Layer: daemon. Threads: every call on ls-main; starts ls-serve-N. Ownership: the server borrows
+ * the engine, which must outlive it.
+ *
+ * Promises: a client that is slow, stalled, hostile or gone never blocks ls-main and never touches
+ * a capture. Memory per connection is bounded (one request of at most 64 KiB + max_payload bytes,
+ * max_requests jobs, about 3 MiB of frames waiting); what a client cannot be given in time is
+ * counted, and a client that takes nothing for stall_ms while something waits is closed.
+ */
+#ifndef LS_DAEMON_SERVER_H
+#define LS_DAEMON_SERVER_H
+
+#include "core/error.h"
+#include "daemon/engine.h"
+
+#include <stdint.h>
+
+/** 0 = the default in brackets. Strings: (transfer none). */
+struct ls_server_config {
+    const char *socket_path;
+    const char *storage;       /* folder of the takes */
+    unsigned max_connections;  /* [64] */
+    unsigned max_requests;     /* in flight on one connection [8] */
+    unsigned serve_threads;    /* [processors, 2 to 4] */
+    unsigned hello_ms;         /* for the first message [10000] */
+    unsigned stall_ms;         /* without progress while something waits [30000] */
+    uint64_t max_payload;      /* of a request [1 MiB] */
+};
+
+struct ls_server;
+
+/**
+ * Listen. The socket is made with mode 0660: who may connect is decided by its owner and group and
+ * by the folder. A socket file that nobody listens on any more is removed first. Errors:
+ * LS_ERR_BUSY (a living daemon listens there), LS_ERR_INVALID (path too long), LS_ERR_EXISTS (the
+ * path is something else than a socket), LS_ERR_OS. *out: (transfer full).
+ */
+LS_MUST_CHECK enum ls_err ls_server_create(const struct ls_server_config *config,
+                                           struct ls_engine *engine, struct ls_server **out,
+                                           struct ls_diag *diag);
+
+/** The engine's callback ends here: remember where the take stands and tell who subscribed. */
+void ls_server_take_event(struct ls_server *server, const struct ls_take_status *status);
+
+/** Connections now (tests, status). */
+unsigned ls_server_connections(const struct ls_server *server);
+
+/** Close every connection (their requests end with 207), stop the threads, remove the socket.
+ * NULL is allowed. */
+void ls_server_destroy(struct ls_server *server);
+
+#endif

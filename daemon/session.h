@@ -1,0 +1,69 @@
+/*
+ * session: one connection: bytes in, requests dispatched, frames out.
+ * Layer: daemon. Threads: ls-main. Ownership: a session owns its descriptor, outbox and jobs, and
+ * frees itself when the connection ends; the service keeps it in its list until then.
+ */
+#ifndef LS_DAEMON_SESSION_H
+#define LS_DAEMON_SESSION_H
+
+#include "daemon/job.h"
+#include "daemon/service.h"
+#include "proto/errors.h"
+#include "proto/message.h"
+
+#include <stdbool.h>
+#include <stdint.h>
+
+struct ls_session;
+
+/** Who is at the other end, as the kernel says. */
+struct ls_peer {
+    int pid;
+    unsigned uid, gid;
+};
+
+/** Serve the connected socket @fd (transfer full). */
+void ls_session_start(struct ls_service *service, int fd, const struct ls_peer *peer);
+
+/** There are @max connections already: say so to @fd (transfer full) and close it. */
+void ls_session_turn_away(int fd, unsigned max);
+
+const struct ls_peer *ls_session_peer(const struct ls_session *session);
+struct ls_service *ls_session_service(const struct ls_session *session);
+
+/** Queue a reply: @body of @type, with LS_FRAME_LAST if @last. @payload (transfer full, malloc'd)
+ * may be NULL. A body that does not fit a frame becomes an error 500. */
+void ls_session_reply(struct ls_session *session, uint32_t request, uint16_t type,
+                      const ProtobufCMessage *body, uint8_t *payload, size_t payload_bytes,
+                      bool last);
+
+/** Queue an Error; ends the request. */
+void ls_session_error(struct ls_session *session, uint32_t request, uint32_t number,
+                      const char *text);
+
+/** Queue the Error of a failed call. */
+void ls_session_fail(struct ls_session *session, uint32_t request, enum ls_err err,
+                     enum ls_proto_context about, const struct ls_diag *diag);
+
+/** Run a job for this session; (transfer full). Its request is in job->request. */
+void ls_session_run(struct ls_session *session, struct ls_job *job);
+
+/** Cancel the job or subscription of @request. False if there is none. */
+bool ls_session_cancel(struct ls_session *session, uint32_t request);
+
+/** Subscribe @request to the progress of the take; false if the session has a subscription. */
+bool ls_session_subscribe(struct ls_session *session, uint32_t request);
+
+/** The take's status has changed: tell the subscriber, or skip it if the client is behind. */
+void ls_session_take_event(struct ls_session *session);
+
+/** Once a second: close what has stalled. May free the session. */
+void ls_session_tick(struct ls_session *session, int64_t now_us);
+
+/** The daemon is going down: say so as far as the socket takes it now, and close. */
+void ls_session_shutdown(struct ls_session *session);
+
+/** End the session. Its running jobs are cancelled and freed when their step returns. */
+void ls_session_close(struct ls_session *session);
+
+#endif

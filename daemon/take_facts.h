@@ -1,0 +1,56 @@
+/*
+ * take_facts: what take.json says that serving its pictures needs.
+ * Layer: daemon. Threads: any, read-only once made. Ownership: owns everything; see destroy.
+ */
+#ifndef LS_DAEMON_TAKE_FACTS_H
+#define LS_DAEMON_TAKE_FACTS_H
+
+#include "core/calibration.h"
+#include "core/error.h"
+#include "core/pixel.h"
+#include "daemon/config.h"
+#include "daemon/plan.h"
+
+#include <stdbool.h>
+#include <stdint.h>
+
+enum ls_fact_kind { LS_FACT_OTHER, LS_FACT_DARK, LS_FACT_ONE, LS_FACT_SPHERE };
+
+struct ls_condition_fact {
+    char id[64];
+    enum ls_fact_kind kind;
+    uint32_t light;   /* ONE */
+    uint32_t channel; /* ONE, SPHERE; index into channels */
+    double duty;      /* of full level, (0, 1] */
+    uint32_t repeats;
+};
+
+struct ls_take_facts {
+    uint32_t n_lights, n_channels;
+    float (*position_m)[3];
+    struct { char name[32]; bool polariser; } channels[LS_MAX_CHANNELS];
+    uint32_t n_conditions;
+    struct ls_condition_fact *conditions;
+    uint32_t n_exposures;
+    double exposure_s[LS_MAX_EXPOSURES];
+    double reference_exposure_s;
+    /* of the camera asked for */
+    enum ls_cfa cfa;
+    double full_scale_dn, electrons_per_dn, read_noise_dn;
+    struct ls_calibration *calibration; /* NULL: none was given */
+};
+
+/**
+ * Read @take_json for one camera. *out: (transfer full). Errors: LS_ERR_INVALID (naming the key),
+ * LS_ERR_NOT_FOUND (no such camera), LS_ERR_LIMIT, LS_ERR_NOMEM, and those of ls_calibration_parse.
+ */
+LS_MUST_CHECK enum ls_err ls_take_facts_read(const char *take_json, uint32_t camera,
+                                             struct ls_take_facts **out, struct ls_diag *diag);
+
+/** Index of a channel by name, or -1. */
+int ls_take_facts_channel(const struct ls_take_facts *facts, const char *name);
+
+/** NULL is allowed. */
+void ls_take_facts_destroy(struct ls_take_facts *facts);
+
+#endif

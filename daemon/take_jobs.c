@@ -1,0 +1,189 @@
+#include "daemon/take_jobs.h"
+
+#include "daemon/take_facts.h"
+#include "daemon/takedir.h"
+#include "proto/frame.h"
+#include "proto/message.h"
+
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+enum { TAKES_PER_FRAME = 64, MAX_FINDINGS = 64, MAX_FINDING_BYTES = 512 };
+
+struct take_job {
+    struct ls_job job;
+    const char *storage;
+    char take[128];
+    struct ls_take_summary *list;
+    size_t n_list, next;
+};
+
+static void take_job_destroy(struct ls_job *job)
+{
+    struct take_job *self = (struct take_job *)job;
+    free(self->list);
+    g_free(self);
+}
+
+static struct ls_job *make(const struct ls_job_ops *ops, uint32_t request, const char *storage,
+                           const char *take)
+{
+    struct take_job *self = g_new0(struct take_job, 1);
+    self->job.ops = ops;
+    self->job.request = request;
+    self->storage = storage;
+    snprintf(self->take, sizeof self->take, "%s", take);
+    return &self->job;
+}
+
+static enum ls_err reply(const struct take_job *self, uint16_t type, const ProtobufCMessage *body,
+                         bool last, struct ls_chunk *chunk, struct ls_diag *diag)
+{
+    return ls_message_frame(type | LS_MESSAGE_REPLY, self->job.request, last ? LS_FRAME_LAST : 0,
+                            body, chunk->payload_bytes, &chunk->head, &chunk->head_bytes, diag);
+}
+
+static enum ls_err open_take(const struct take_job *self, struct ls_takedir **take,
+                             struct ls_diag *diag)
+{
+    char folder[4096];
+    if (!ls_takedir_id_ok(self->take))
+        return ls_fail(diag, LS_ERR_NOT_FOUND, "\"%.64s\" is not the name of a take", self->take);
+    if (snprintf(folder, sizeof folder, "%s/%s", self->storage, self->take) >= (int)sizeof folder)
+        return ls_fail(diag, LS_ERR_LIMIT, "%s: the path is too long", self->storage);
+    return ls_takedir_open(folder, take, diag);
+}
+
+/* ---- list ---- */
+
+static void fill_line(Lightstage__TakeSummary *out, struct ls_take_summary *in)
+{
+    lightstage__take_summary__init(out);
+    out->id = in->id;
+    out->name = in->name;
+    out->state = (char *)ls_store_state_name(in->state);
+    out->conditions_planned = in->conditions_planned;
+    out->problem = in->damage;
+}
+
+static enum ls_err list_step(struct ls_job *job, struct ls_chunk *chunk, bool *last,
+                             struct ls_diag *diag)
+{
+    struct take_job *self = (struct take_job *)job;
+    Lightstage__TakeSummary lines[TAKES_PER_FRAME], *pointers[TAKES_PER_FRAME];
+    Lightstage__TakeListReply body = LIGHTSTAGE__TAKE_LIST_REPLY__INIT;
+    enum ls_err err = LS_OK;
+    if (!self->list)
+        err = ls_takedir_list(self->storage, &self->list, &self->n_list, diag);
+    if (err)
+        return err;
+    for (; self->next < self->n_list && body.n_takes < TAKES_PER_FRAME; self->next++) {
+        pointers[body.n_takes] = &lines[body.n_takes];
+        fill_line(&lines[body.n_takes++], &self->list[self->next]);
+    }
+    body.takes = pointers;
+    *last = self->next == self->n_list;
+    return reply(self, LS_MESSAGE_TAKE_LIST, &body.base, *last, chunk, diag);
+}
+
+struct ls_job *ls_take_list_job(uint32_t request, const char *storage)
+{
+    static const struct ls_job_ops ops = {"list", list_step, take_job_destroy};
+    return make(&ops, request, storage, "");
+}
+
+/* ---- show ---- */
+
+static void fill_summary(Lightstage__TakeSummary *out, struct ls_takedir *take)
+{
+    struct ls_take_facts *facts = NULL;
+    lightstage__take_summary__init(out);
+    out->id = take->id;
+    out->name = take->name;
+    out->state = (char *)ls_store_state_name(take->state);
+    out->conditions_planned = take->n_conditions * take->n_cameras;
+    out->conditions_published = (uint32_t)take->n_published;
+    if (take->n_published > 0) {
+        out->width = take->published[0].width;
+        out->height = take->published[0].height;
+    }
+    if (ls_take_facts_read(take->take_json, 0, &facts, NULL) == LS_OK)
+        out->n_lights = facts->n_lights;
+    ls_take_facts_destroy(facts);
+}
+
+static enum ls_err show_step(struct ls_job *job, struct ls_chunk *chunk, bool *last,
+                             struct ls_diag *diag)
+{
+    struct take_job *self = (struct take_job *)job;
+    struct ls_takedir *take = NULL;
+    Lightstage__TakeSummary summary;
+    Lightstage__TakeShowReply body = LIGHTSTAGE__TAKE_SHOW_REPLY__INIT;
+    enum ls_err err = open_take(self, &take, diag);
+    if (err)
+        return err;
+    fill_summary(&summary, take);
+    body.summary = &summary;
+    chunk->payload = (uint8_t *)strdup(take->take_json);
+    chunk->payload_bytes = strlen(take->take_json);
+    *last = true;
+    err = chunk->payload ? reply(self, LS_MESSAGE_TAKE_SHOW, &body.base, true, chunk, diag)
+                         : ls_fail(diag, LS_ERR_NOMEM, "out of memory");
+    ls_takedir_close(take);
+    return err;
+}
+
+struct ls_job *ls_take_show_job(uint32_t request, const char *storage, const char *take)
+{
+    static const struct ls_job_ops ops = {"show", show_step, take_job_destroy};
+    return make(&ops, request, storage, take);
+}
+
+/* ---- verify ---- */
+
+/* Cut the report into its lines, in place; long ones are shortened. */
+static size_t cut_lines(char *text, char *lines[MAX_FINDINGS])
+{
+    size_t n = 0;
+    char *rest = NULL;
+    for (char *line = strtok_r(text, "\n", &rest); line && n < MAX_FINDINGS;
+         line = strtok_r(NULL, "\n", &rest)) {
+        if (strlen(line) > MAX_FINDING_BYTES)
+            line[MAX_FINDING_BYTES] = '\0';
+        lines[n++] = line;
+    }
+    return n;
+}
+
+static enum ls_err verify_step(struct ls_job *job, struct ls_chunk *chunk, bool *last,
+                               struct ls_diag *diag)
+{
+    struct take_job *self = (struct take_job *)job;
+    struct ls_takedir *take = NULL;
+    struct ls_take_report report = {0};
+    char *lines[MAX_FINDINGS];
+    Lightstage__TakeVerifyReply body = LIGHTSTAGE__TAKE_VERIFY_REPLY__INIT;
+    enum ls_err err = open_take(self, &take, diag);
+    if (err)
+        return err;
+    err = ls_takedir_verify(take, &report, diag);
+    if (!err) {
+        body.conditions_checked = report.pictures_good + report.pictures_damaged;
+        body.conditions_missing = report.pictures_missing;
+        body.conditions_damaged = report.pictures_damaged;
+        body.n_findings = cut_lines(report.text, lines);
+        body.findings = lines;
+        *last = true;
+        err = reply(self, LS_MESSAGE_TAKE_VERIFY, &body.base, true, chunk, diag);
+    }
+    ls_take_report_finish(&report);
+    ls_takedir_close(take);
+    return err;
+}
+
+struct ls_job *ls_take_verify_job(uint32_t request, const char *storage, const char *take)
+{
+    static const struct ls_job_ops ops = {"verify", verify_step, take_job_destroy};
+    return make(&ops, request, storage, take);
+}

@@ -1,0 +1,362 @@
+#include "drivers/modbus/dome.h"
+
+#include "drivers/lights_image.h"
+#include "drivers/modbus/link.h"
+
+#include <stdlib.h>
+#include <string.h>
+#include <time.h>
+
+enum { STUCK_MS = 120000, WAIT_MS = 5 };
+
+struct dome {
+    struct ls_link link;
+    struct ls_lights_info info;
+    uint32_t boot;      /* of the controller we armed */
+    uint16_t arm;       /* its count of arms, then */
+    bool armed;         /* boot and arm must hold from now on */
+    uint32_t next_event; /* sequence number */
+};
+
+static uint64_t host_ns(void)
+{
+    struct timespec now;
+    clock_gettime(CLOCK_MONOTONIC_RAW, &now);
+    return (uint64_t)now.tv_sec * 1000000000u + (uint64_t)now.tv_nsec;
+}
+
+static enum ls_err identify(struct dome *dome, struct ls_lights_info *info, struct ls_diag *diag)
+{
+    uint16_t identity[LS_WIRE_IDENTITY_SIZE], limits[LS_WIRE_LIMITS_SIZE];
+    enum ls_err err =
+        ls_link_read(&dome->link, LS_WIRE_IDENTITY, LS_WIRE_IDENTITY_SIZE, identity, diag);
+    if (!err)
+        err = ls_link_read(&dome->link, LS_WIRE_LIMITS, LS_WIRE_LIMITS_SIZE, limits, diag);
+    return err ? err : ls_wire_decode_info(identity, limits, info, diag);
+}
+
+static enum ls_err check_arm(const struct dome *dome, const uint16_t *status, struct ls_diag *diag)
+{
+    if (!dome->armed)
+        return LS_OK;
+    if (ls_wire_get32(status + LS_WIRE_ST_BOOT) != dome->boot)
+        return ls_fail(diag, LS_ERR_MISMATCH,
+                       "controller %s was restarted: its program and events are gone; load again",
+                       dome->info.serial);
+    if (status[LS_WIRE_ST_ARM] != dome->arm)
+        return ls_fail(diag, LS_ERR_MISMATCH,
+                       "controller %s was armed by somebody else: only one host may drive it",
+                       dome->info.serial);
+    return LS_OK;
+}
+
+static enum ls_err read_status(struct dome *dome, uint16_t *status, struct ls_diag *diag)
+{
+    enum ls_err err = ls_link_read(&dome->link, LS_WIRE_STATUS, LS_WIRE_STATUS_SIZE, status, diag);
+    return err ? err : check_arm(dome, status, diag);
+}
+
+/** Connected to the controller we opened, armed as we armed it. */
+static enum ls_err ensure(struct dome *dome, struct ls_diag *diag)
+{
+    if (dome->link.connected)
+        return LS_OK;
+    struct ls_lights_info info;
+    uint16_t status[LS_WIRE_STATUS_SIZE];
+    enum ls_err err = ls_link_connect(&dome->link, diag);
+    if (!err)
+        err = identify(dome, &info, diag);
+    if (!err && memcmp(&info, &dome->info, sizeof info))
+        err = ls_fail(diag, LS_ERR_MISMATCH,
+                      "after reconnecting, controller %s answers as %s, or with other limits: "
+                      "expected the one opened",
+                      dome->info.serial, info.serial);
+    if (!err)
+        err = read_status(dome, status, diag);
+    if (err && dome->link.connected)
+        ls_link_disconnect(&dome->link);
+    return err;
+}
+
+static bool is_lost(enum ls_err err)
+{
+    return err == LS_ERR_TIMEOUT || err == LS_ERR_GONE;
+}
+
+/** A write that may be repeated after a lost link. */
+static enum ls_err write_again(struct dome *dome, unsigned address, unsigned n,
+                               const uint16_t *regs, struct ls_diag *diag)
+{
+    enum ls_err err = LS_ERR_GONE;
+    for (int attempt = 0; attempt < 2 && is_lost(err); attempt++) {
+        err = ensure(dome, diag);
+        if (!err)
+            err = ls_link_write(&dome->link, address, n, regs, diag);
+    }
+    return err;
+}
+
+static enum ls_err explain(struct dome *dome, enum ls_err err, const char *doing,
+                           struct ls_diag *diag)
+{
+    uint16_t status[LS_WIRE_STATUS_SIZE];
+    if (err != LS_ERR_REFUSED)
+        return err;
+    enum ls_err read = read_status(dome, status, diag);
+    return read ? read : ls_wire_refused(status, doing, diag);
+}
+
+static enum ls_err command(struct dome *dome, enum ls_wire_command value, const char *doing,
+                           struct ls_diag *diag)
+{
+    uint16_t reg = (uint16_t)value;
+    enum ls_err err = ensure(dome, diag);
+    if (!err)
+        err = ls_link_write(&dome->link, LS_WIRE_CONTROL + LS_WIRE_CT_COMMAND, 1, &reg, diag);
+    return explain(dome, err, doing, diag);
+}
+
+static void dome_close(void *priv)
+{
+    struct dome *dome = priv;
+    if (dome->link.connected) {
+        uint16_t reg = LS_WIRE_BLANK;
+        (void)!ls_link_write(&dome->link, LS_WIRE_CONTROL + LS_WIRE_CT_COMMAND, 1, &reg, NULL);
+    }
+    ls_link_finish(&dome->link);
+    free(dome);
+}
+
+static enum ls_err dome_open(const struct ls_lights_config *config, void **priv,
+                             struct ls_lights_info *info, struct ls_diag *diag)
+{
+    struct dome *dome = calloc(1, sizeof *dome);
+    if (!dome)
+        return ls_fail(diag, LS_ERR_NOMEM, "out of memory");
+    enum ls_err err = ls_link_init(&dome->link, config->address, config->port, config->unit,
+                                   config->timeout_ms, diag);
+    if (!err)
+        err = ls_link_connect(&dome->link, diag);
+    if (!err)
+        err = identify(dome, &dome->info, diag);
+    if (err) {
+        ls_link_finish(&dome->link);
+        free(dome);
+        return err;
+    }
+    *info = dome->info;
+    *priv = dome;
+    return LS_OK;
+}
+
+static enum ls_err clear_faults(struct dome *dome, struct ls_diag *diag)
+{
+    uint16_t status[LS_WIRE_STATUS_SIZE];
+    enum ls_err err = ensure(dome, diag);
+    if (!err)
+        err = read_status(dome, status, diag);
+    if (err)
+        return err;
+    if (status[LS_WIRE_ST_STATE] == LS_WIRE_ARMED)
+        return ls_fail(diag, LS_ERR_STATE, "controller %s is armed: blank it before loading",
+                       dome->info.serial);
+    if (status[LS_WIRE_ST_STATE] != LS_WIRE_FAULT)
+        return LS_OK;
+    return command(dome, LS_WIRE_CLEAR_FAULTS, "clearing faults", diag);
+}
+
+static enum ls_err upload(struct dome *dome, const uint16_t *image, size_t n, struct ls_diag *diag)
+{
+    uint16_t window[LS_WIRE_WINDOW_SIZE];
+    enum ls_err err = LS_OK;
+    for (size_t at = 0; !err && at < n; at += LS_WIRE_WINDOW_DATA) {
+        size_t part = n - at < LS_WIRE_WINDOW_DATA ? n - at : LS_WIRE_WINDOW_DATA;
+        ls_wire_put32(window + LS_WIRE_WN_ADDRESS, (uint32_t)at);
+        window[LS_WIRE_WN_LENGTH] = (uint16_t)part;
+        memcpy(window + LS_WIRE_WN_DATA, image + at, 2 * part);
+        err = ls_link_write(&dome->link, LS_WIRE_WINDOW, LS_WIRE_WN_DATA + (unsigned)part, window,
+                            diag);
+    }
+    return explain(dome, err, "uploading", diag);
+}
+
+static enum ls_err announce(struct dome *dome, const struct ls_program *program,
+                            const uint16_t *image, size_t n, struct ls_diag *diag)
+{
+    uint16_t regs[8], back[LS_WIRE_IMAGE_CRC_SIZE];
+    uint32_t crc = ls_wire_crc32c(image, n);
+    ls_wire_put32(regs, (uint32_t)(2 * n));
+    ls_wire_put32(regs + 2, crc);
+    ls_wire_put32(regs + 4, program->n_conditions);
+    ls_wire_put32(regs + 6, program->n_steps);
+    enum ls_err err = ls_link_write(&dome->link, LS_WIRE_CONTROL + LS_WIRE_CT_BYTES, 8, regs, diag);
+    if (!err)
+        err = ls_link_read(&dome->link, LS_WIRE_IMAGE_CRC, LS_WIRE_IMAGE_CRC_SIZE, back, diag);
+    if (err)
+        return explain(dome, err, "announcing the program", diag);
+    if (ls_wire_get32(back) != crc)
+        return ls_fail(diag, LS_ERR_MISMATCH,
+                       "the program in controller %s has CRC %08x: expected %08x; it was damaged "
+                       "on the way: load again",
+                       dome->info.serial, ls_wire_get32(back), crc);
+    return LS_OK;
+}
+
+static void pause_ms(unsigned ms)
+{
+    nanosleep(&(struct timespec){.tv_sec = ms / 1000, .tv_nsec = ms % 1000 * 1000000L}, NULL);
+}
+
+static enum ls_err wait_ready(struct dome *dome, struct ls_diag *diag)
+{
+    uint16_t status[LS_WIRE_STATUS_SIZE];
+    uint16_t progress = 0;
+    uint64_t moved_ns = host_ns();
+    for (;;) {
+        enum ls_err err = ensure(dome, diag);
+        if (!err)
+            err = read_status(dome, status, diag);
+        if (err)
+            return err;
+        if (status[LS_WIRE_ST_STATE] == LS_WIRE_LOADED)
+            return LS_OK;
+        if (status[LS_WIRE_ST_STATE] != LS_WIRE_PREPARING)
+            return ls_wire_refused(status, "preparing the program", diag);
+        if (status[LS_WIRE_ST_PROGRESS] != progress)
+            moved_ns = host_ns();
+        progress = status[LS_WIRE_ST_PROGRESS];
+        if (host_ns() - moved_ns > STUCK_MS * 1000000ull)
+            return ls_fail(diag, LS_ERR_TIMEOUT,
+                           "controller %s stands at %u permille of getting ready since %u s",
+                           dome->info.serial, progress, STUCK_MS / 1000);
+        pause_ms(WAIT_MS);
+    }
+}
+
+static enum ls_err dome_load(void *priv, const struct ls_program *program, struct ls_diag *diag)
+{
+    struct dome *dome = priv;
+    dome->armed = false;
+    enum ls_err err = clear_faults(dome, diag);
+    if (err)
+        return err;
+    LS_CLEANUP_FREE uint16_t *image = calloc(ls_image_registers(program), sizeof *image);
+    if (!image)
+        return ls_fail(diag, LS_ERR_NOMEM, "out of memory");
+    size_t n = ls_image_encode(program, image);
+    err = upload(dome, image, n, diag);
+    if (!err)
+        err = announce(dome, program, image, n, diag);
+    if (!err)
+        err = command(dome, LS_WIRE_COMMIT, "committing the program", diag);
+    return err ? err : wait_ready(dome, diag);
+}
+
+static enum ls_err dome_arm(void *priv, struct ls_diag *diag)
+{
+    struct dome *dome = priv;
+    uint16_t status[LS_WIRE_STATUS_SIZE];
+    dome->armed = false;
+    enum ls_err err = ensure(dome, diag);
+    if (!err)
+        err = read_status(dome, status, diag);
+    if (err)
+        return err;
+    if (status[LS_WIRE_ST_STATE] == LS_WIRE_IDLE || status[LS_WIRE_ST_STATE] == LS_WIRE_PREPARING)
+        return ls_fail(diag, LS_ERR_STATE, "controller %s has no program: load before arming",
+                       dome->info.serial);
+    err = command(dome, LS_WIRE_ARM, "arming", diag);
+    if (!err)
+        err = read_status(dome, status, diag);
+    if (err)
+        return err;
+    dome->boot = ls_wire_get32(status + LS_WIRE_ST_BOOT);
+    dome->arm = status[LS_WIRE_ST_ARM];
+    dome->armed = true;
+    dome->next_event = 0;
+    return LS_OK;
+}
+
+static enum ls_err dome_grant(void *priv, uint32_t n_steps, struct ls_diag *diag)
+{
+    struct dome *dome = priv;
+    uint16_t regs[2];
+    ls_wire_put32(regs, n_steps);
+    enum ls_err err = write_again(dome, LS_WIRE_CONTROL + LS_WIRE_CT_GRANT, 2, regs, diag);
+    return explain(dome, err, "granting steps", diag);
+}
+
+/** One round trip: acknowledge what was read, read the status and up to 9 events. */
+static enum ls_err exchange(struct dome *dome, uint16_t *regs, struct ls_lights_status *status,
+                            struct ls_diag *diag)
+{
+    uint16_t ack[2];
+    ls_wire_put32(ack, dome->next_event);
+    enum ls_err err = LS_ERR_GONE;
+    for (int attempt = 0; attempt < 2 && is_lost(err); attempt++) {
+        err = ensure(dome, diag);
+        status->host_before_ns = host_ns();
+        if (!err)
+            err = ls_link_write_read(&dome->link, LS_WIRE_CONTROL + LS_WIRE_CT_ACK, 2, ack,
+                                     LS_WIRE_STATUS, LS_WIRE_STATUS_SIZE, regs, diag);
+        status->host_after_ns = host_ns();
+    }
+    if (!err)
+        err = check_arm(dome, regs, diag);
+    if (!err)
+        ls_wire_decode_status(regs, status);
+    return explain(dome, err, "reading status", diag);
+}
+
+static size_t take_events(struct dome *dome, const uint16_t *regs, struct ls_step_event *events,
+                          size_t room)
+{
+    uint32_t first = ls_wire_get32(regs + LS_WIRE_ST_EVENT_FIRST);
+    size_t n = regs[LS_WIRE_ST_EVENT_COUNT];
+    if (n > LS_WIRE_EVENTS_PER_READ)
+        n = LS_WIRE_EVENTS_PER_READ;
+    if (n > room)
+        n = room;
+    for (size_t i = 0; i < n; i++)
+        ls_wire_decode_event(regs + LS_WIRE_ST_EVENTS + i * LS_WIRE_EVENT_SIZE, &events[i]);
+    if (n)
+        dome->next_event = first + (uint32_t)n;
+    return n;
+}
+
+static enum ls_err dome_poll(void *priv, struct ls_lights_status *status,
+                             struct ls_step_event *events, size_t max_events, size_t *n_events,
+                             struct ls_diag *diag)
+{
+    struct dome *dome = priv;
+    uint16_t regs[LS_WIRE_STATUS_SIZE];
+    size_t n = 0, got;
+    do {
+        enum ls_err err = exchange(dome, regs, status, diag);
+        if (err)
+            return n ? LS_OK : err;
+        got = take_events(dome, regs, events + n, max_events - n);
+        n += got;
+        *n_events = n;
+    } while (n < max_events && got && regs[LS_WIRE_ST_EVENT_PENDING] > got);
+    return LS_OK;
+}
+
+static enum ls_err dome_blank(void *priv, struct ls_diag *diag)
+{
+    struct dome *dome = priv;
+    uint16_t reg = LS_WIRE_BLANK;
+    dome->armed = false;
+    return write_again(dome, LS_WIRE_CONTROL + LS_WIRE_CT_COMMAND, 1, &reg, diag);
+}
+
+const struct ls_lights_ops ls_modbus_lights_ops = {
+    .name = "modbus",
+    .open = dome_open,
+    .load = dome_load,
+    .arm = dome_arm,
+    .grant = dome_grant,
+    .poll = dome_poll,
+    .blank = dome_blank,
+    .close = dome_close,
+};

@@ -1,0 +1,146 @@
+#!/usr/bin/python3 -B
+"""Photograph, promote, relight and judge a still life on a simulated dome.
+
+usage: sim/demo [--size N] [--keep] [--json FILE]
+
+  --size N     camera of N x N pixels (default 512)
+  --keep       keep the folder with the take, the pictures and the logs, and print its name
+  --json FILE  write the numbers as JSON
+
+Builds lightstaged, starts the simulated dome and the daemon in a temporary folder, takes 346 lights
+in white, full spheres of all 8 channels and darks at three exposures each, relights the take with
+sim/environment.json, compares everything with the simulator's truth, and prints a table. Exit
+status 0 only if every number holds. Nothing is left running.
+"""
+import argparse
+import json
+import os
+import shutil
+import signal
+import sys
+import tempfile
+import time
+
+import rig as stage
+
+BUILD = os.path.join(stage.ROOT, "build")
+ENVIRONMENT = os.path.join(stage.ROOT, "sim", "environment.json")
+
+PLAN = """subject = "still";
+exposures_us = [500, 2500, 12500];
+darks = 64;
+conditions = ( { kind = "sphere"; channels = ["W", "R", "A", "G", "C", "B", "V", "H"]; },
+               { kind = "each"; channels = ["W"]; } );
+"""
+
+
+def say(text):
+    print(f"== {text}", flush=True)
+
+
+def build():
+    say("building")
+    if not os.path.exists(os.path.join(BUILD, "build.ninja")):
+        stage.call("meson", "setup", BUILD, stage.ROOT)
+    stage.call("ninja", "-C", BUILD, "--quiet", quiet=False)
+
+
+def relight(rig, take, name, *options):
+    began = time.monotonic()
+    rig.control("relight", take, ENVIRONMENT, "--raw", "--output", rig.path(name + ".exr"),
+                "--png", rig.path(name + ".png"), *options)
+    return time.monotonic() - began
+
+
+def holds(r):
+    """What must be true, as (sentence, is it)."""
+    return [
+        ("no shot is lost", r["shots_lost"] == 0),
+        ("every planned shot is stored", r["shots_stored"] == r["shots_planned"]),
+        ("no frame is mislabeled", r["frames_mislabeled"] == 0),
+        ("promotion error is at most 1 %", r["promotion_error_percent"] <= 1.0),
+        ("relighting beats the tristimulus baseline",
+         r["relight_error_percent"] < r["tristimulus_error_percent"]),
+        ("black is black: within 3 sigma", abs(r["black_mean_sigma"]) <= 3),
+    ]
+
+
+def table(result):
+    for key, value in result.items():
+        if isinstance(value, dict):
+            value = "  ".join(f"{k} {v:.3f}" for k, v in value.items())
+        elif isinstance(value, float):
+            value = f"{value:.3f}"
+        print(f"  {key:32} {value}")
+
+
+def demo(folder, size):
+    rig = stage.Rig(BUILD, folder, size)
+    say(f"starting the simulated dome, its camera at {rig.camera}, and the daemon")
+    try:
+        rig.start()
+        say("taking: 346 lights in white, 8 full spheres, darks, three exposures each")
+        began = time.monotonic()
+        take = rig.start_take("demo", PLAN, quiet=False)
+        take_seconds = time.monotonic() - began
+        say("verifying every checksum")
+        rig.control("take", "verify", take)
+        say("relighting, in many spectra and in three")
+        relight_seconds = relight(rig, take, "multispectral")
+        relight(rig, take, "tristimulus", "--solve", "tristimulus")
+    finally:
+        wrong = rig.stop()
+    if wrong:
+        raise stage.Failed("; ".join(wrong))
+    say("judging against the simulator's truth")
+    result = rig.judge(take, "--environment", ENVIRONMENT,
+                       "--relit", rig.path("multispectral.exr"),
+                       "--tristimulus", rig.path("tristimulus.exr"),
+                       "--sheet", rig.path("contact-sheet.png"))
+    result["take_wall_seconds"] = take_seconds
+    result["relight_seconds"] = relight_seconds
+    return result
+
+
+def parse():
+    parser = argparse.ArgumentParser(usage=__doc__.split("usage: ")[1].split("\n")[0])
+    parser.add_argument("--size", type=int, default=512)
+    parser.add_argument("--keep", action="store_true")
+    parser.add_argument("--json")
+    options = parser.parse_args()
+    if not 64 <= options.size <= 4096 or options.size % 2:
+        parser.error("--size: expected an even number from 64 to 4096")
+    return options
+
+
+def main():
+    if "-h" in sys.argv[1:] or "--help" in sys.argv[1:]:
+        print(__doc__)
+        return 0
+    options = parse()
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit(1))
+    folder = tempfile.mkdtemp(prefix="lightstage-")
+    try:
+        build()
+        result = demo(folder, options.size)
+        wrong = [sentence for sentence, true in holds(result) if not true]
+        result["verdict"] = "failed" if wrong else "ok"
+        table(result)
+        if options.json:
+            stage.write(options.json, json.dumps(result, indent=1) + "\n")
+        for sentence in wrong:
+            print(f"DOES NOT HOLD: {sentence}")
+        print(f"verdict: {result['verdict']}")
+        return 1 if wrong else 0
+    except (stage.Failed, OSError, KeyError, ValueError) as error:
+        print(f"{error}\nverdict: failed", file=sys.stderr)
+        return 1
+    finally:
+        if options.keep:
+            print(f"kept: {folder}")
+        else:
+            shutil.rmtree(folder, ignore_errors=True)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

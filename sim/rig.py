@@ -1,0 +1,194 @@
+"""A simulated stage in a folder: simulator, daemon and client, started, driven and ended.
+
+Used by sim/demo.py and by the integration tests. Processes die with their parent and are ended by
+pid; addresses are loopback addresses of this process's own.
+"""
+import ctypes
+import json
+import os
+import signal
+import subprocess
+
+ROOT = os.path.dirname(os.path.dirname(os.path.abspath(__file__)))
+STOP_SECONDS = 30
+CALL_SECONDS = 3600
+SENSOR_MM = 11.26
+
+
+class Failed(Exception):
+    """A program said no; its sentence is the text, its exit code is .code."""
+
+    def __init__(self, text, code=1):
+        super().__init__(text)
+        self.code = code
+
+
+def call(*command, quiet=True, timeout=CALL_SECONDS):
+    """Run to the end and return what it printed; Failed with its last words otherwise."""
+    done = subprocess.run(command, stdout=subprocess.PIPE if quiet else None,
+                          stderr=subprocess.PIPE if quiet else None, text=True, timeout=timeout,
+                          stdin=subprocess.DEVNULL)
+    if done.returncode:
+        words = (done.stderr or "").strip() or f"exited with {done.returncode}"
+        raise Failed(f"{os.path.basename(command[0])}: {words}", done.returncode)
+    return done.stdout
+
+
+def write(path, text):
+    with open(path, "w", encoding="utf-8") as file:
+        file.write(text)
+
+
+def read(path):
+    with open(path, encoding="utf-8", errors="replace") as file:
+        return file.read()
+
+
+def loopback(number=1):
+    """A loopback address of this process's own, so that runs side by side do not collide."""
+    pid = os.getpid()
+    return f"127.{64 + pid // 250 % 128}.{1 + pid % 250}.{number}"
+
+
+def die_with_parent():
+    ctypes.CDLL(None).prctl(1, signal.SIGKILL)  # PR_SET_PDEATHSIG
+
+
+class Process:
+    """A child that writes one line of JSON when it is ready; its output goes to a log."""
+
+    def __init__(self, log, *command):
+        ready, pipe = os.pipe()
+        self.name, self.log = os.path.basename(command[0]), log
+        with open(log, "a", encoding="utf-8") as out:
+            self.child = subprocess.Popen([*command, "--ready-fd", str(pipe)], stdout=out,
+                                          stderr=out, stdin=subprocess.DEVNULL, pass_fds=[pipe],
+                                          preexec_fn=die_with_parent)
+        os.close(pipe)
+        with os.fdopen(ready, encoding="utf-8") as lines:
+            line = lines.readline()
+        if not line:
+            self.child.wait(STOP_SECONDS)
+            raise Failed(f"{self.name} did not start: {read(log).strip()}", self.child.returncode)
+        self.ready = json.loads(line)
+
+    def kill(self):
+        self.child.kill()
+        self.child.wait()
+
+    def stop(self):
+        """End it; None, or a sentence about how that went wrong."""
+        if self.child.poll() is None:
+            self.child.terminate()
+        try:
+            code = self.child.wait(STOP_SECONDS)
+        except subprocess.TimeoutExpired:
+            self.kill()
+            return f"{self.name} did not end within {STOP_SECONDS} s of SIGTERM"
+        return f"{self.name} ended with {code}: {read(self.log)[-500:]}" if code else None
+
+
+class Rig:
+    """One simulated stage. The *_extra texts are appended to the configuration they name."""
+
+    def __init__(self, build, folder, size=512, scene="stilllife", channels="WRAGCBVH",
+                 scene_extra="", camera_extra="", simulator_extra="", daemon_extra="",
+                 rig_camera_extra="", cfa="RG", pixel_format="BayerRG12", calibrated=True):
+        self.build, self.folder = build, folder
+        self.size, self.channels, self.pixel_format = size, channels, pixel_format
+        self.daemon_extra, self.rig_camera_extra = daemon_extra, rig_camera_extra
+        self.calibrated = calibrated
+        self.camera = loopback()
+        self.dome = self.daemon = None
+        write(self.path("sim.conf"), f"""
+scene = {{ scene = "{scene}"; {scene_extra} }};
+cameras = ( {{ address = "{self.camera}"; width = {size}; height = {size}; cfa = "{cfa}";
+               {camera_extra} }} );
+log = "shown.jsonl";
+{simulator_extra}
+""")
+        self.simulator("describe", "--pixel-format", pixel_format, "--output", folder)
+
+    def path(self, name):
+        return os.path.join(self.folder, name)
+
+    def program(self, path):
+        return os.path.join(self.build, path)
+
+    def simulator(self, command, *arguments):
+        return call(self.program("sim/lightstage-sim"), command, "--config", self.path("sim.conf"),
+                    *arguments)
+
+    def start_simulator(self):
+        self.dome = Process(self.path("sim.log"), self.program("sim/lightstage-sim"), "run",
+                            "--config", self.path("sim.conf"))
+
+    def start_daemon(self):
+        self.write_configuration()
+        self.daemon = Process(self.path("daemon.log"), self.program("daemon/lightstaged"),
+                              "--config", self.path("daemon.conf"))
+
+    def start(self):
+        self.start_simulator()
+        self.start_daemon()
+        return self
+
+    def stop(self):
+        """End both; a list of sentences about what went wrong."""
+        ended = [p.stop() for p in (self.daemon, self.dome) if p]
+        self.daemon = self.dome = None
+        return [sentence for sentence in ended if sentence]
+
+    def write_configuration(self):
+        constants = json.loads(read(self.path("calibration.json")))["camera"]
+        calibration = 'calibration = "calibration.json";' if self.calibrated else ""
+        write(self.path("daemon.conf"), f"""
+storage = "takes";
+socket = "socket";
+rig = "rig.conf";
+{calibration}
+controller = {{ driver = "modbus"; address = "127.0.0.1"; port = {self.dome.ready['modbus_port']};
+               timeout_ms = 2000; }};
+{self.daemon_extra}
+""")
+        channels = ", ".join('{ name = "%s"; kind = "%s"; }' %
+                             (c, "polariser" if c in "VH" else "spectrum") for c in self.channels)
+        write(self.path("rig.conf"), f"""
+name = "simulated dome";
+lights = {{ positions = "positions.csv"; axes = "right,up,towards"; unit = "m"; }};
+channels = ( {channels} );
+cameras = ( {{ name = "front"; address = "{self.camera}";
+    width = {self.size}; height = {self.size};
+    pixel_format = "{self.pixel_format}"; packet_size = 9000; max_fps = 72;
+    position_m = [0.0, 0.0, 1.6]; look_at_m = [0.0, 0.0, 0.0]; focal_length_mm = 50;
+    sensor_mm = [{SENSOR_MM}, {SENSOR_MM}]; range = [0.10, 0.85];
+    black_dn = {constants['black_dn']}; full_scale_dn = {constants['full_scale_dn']};
+    electrons_per_dn = {constants['electrons_per_dn']};
+    read_noise_dn = {constants['read_noise_dn']};
+    exposure_offset_us = {constants['exposure_offset_us']};
+    {self.rig_camera_extra} }} );
+""")
+
+    def control(self, *arguments, quiet=True, timeout=CALL_SECONDS):
+        return call(self.program("clients/lightstagectl"), "--socket", self.path("socket"),
+                    *arguments, quiet=quiet, timeout=timeout)
+
+    def ask(self, *arguments):
+        """A reading command's answer as an object."""
+        return json.loads(self.control(*arguments, "--json"))
+
+    def start_take(self, name, plan, *options, quiet=True):
+        """Start a take; returns its id. Waits for its end unless told --no-wait."""
+        write(self.path("plan.conf"), plan)
+        self.control("take", "start", "--name", name, "--plan", self.path("plan.conf"), *options,
+                     quiet=quiet)
+        return self.takes()[-1]["id"]
+
+    def takes(self):
+        return self.ask("take", "list")["takes"]
+
+    def judge(self, take, *options):
+        return json.loads(call(
+            self.program("tests/lightstage-judge"), "--simulator", self.path("sim.conf"),
+            "--take", self.path(os.path.join("takes", take)), "--log", self.path("shown.jsonl"),
+            *options))

@@ -1,0 +1,141 @@
+#include "judge.h"
+
+#include "core/demosaic.h"
+#include "core/envlights.h"
+
+#include <math.h>
+#include <stdlib.h>
+
+enum { TRUTH_DIRECTIONS = 200000, IMAGE_LIMIT_BYTES = 1 << 30 };
+
+static struct sim_region whole(const struct judge *judge)
+{
+    return (struct sim_region){ judge->source->camera, 0, 0, judge->source->width,
+                                judge->source->height };
+}
+
+/* RGB at every pixel -> mosaic -> RGB, as the camera and the take have it. */
+static enum ls_err through_mosaic(const struct ls_field *f, struct ls_image *image,
+                                  struct ls_diag *diag)
+{
+    float *mosaic = malloc((size_t)f->width * f->height * sizeof *mosaic);
+    if (!mosaic)
+        return ls_fail(diag, LS_ERR_NOMEM, "out of memory");
+    for (uint32_t y = 0; y < f->height; y++)
+        for (uint32_t x = 0; x < f->width; x++) {
+            size_t j = (size_t)y * f->width + x;
+            mosaic[j] = image->pixels[3 * j + ls_cfa_channel(f->cfa, x, y)];
+        }
+    const struct ls_demosaic_region all = { 0, 0, f->width, f->height };
+    const struct ls_demosaic_source source = { mosaic, f->width, all, f->width, f->height, f->cfa };
+    const struct ls_demosaic_target target = {
+        { image->pixels, image->pixels + 1, image->pixels + 2 }, 3, 3 * (size_t)f->width
+    };
+    enum ls_err err = ls_demosaic(&source, all, LS_DEMOSAIC_GRADIENT, &target);
+    free(mosaic);
+    return err;
+}
+
+enum ls_err judge_true_picture(const struct judge *judge, struct ls_image *image,
+                               struct ls_diag *diag)
+{
+    const struct sim_region region = whole(judge);
+    struct ls_image out = { 0 };
+    enum ls_err err = ls_image_init(&out, region.width, region.height, JUDGE_COLOURS,
+                                    IMAGE_LIMIT_BYTES, diag);
+    if (!err)
+        err = sim_truth_environment(judge->scene, &region, judge->lobes, TRUTH_DIRECTIONS,
+                                    out.pixels, diag);
+    if (!err)
+        err = through_mosaic(&judge->source->field, &out, diag);
+    if (err)
+        ls_image_finish(&out);
+    else
+        *image = out;
+    return err;
+}
+
+/* The environment's mean radiance through channel W: good enough to say where highlights are. */
+static enum ls_err specular_share(const struct judge *judge, float *share, struct ls_diag *diag)
+{
+    const struct ls_field *f = &judge->source->field;
+    const struct sim_region region = whole(judge);
+    uint32_t n_channels = sim_scene_config(judge->scene)->n_channels;
+    double *cells = calloc((size_t)f->n_lights * judge->lobes->n, sizeof *cells);
+    float *weights = calloc((size_t)f->n_lights * n_channels, sizeof *weights);
+    enum ls_err err = cells && weights ? ls_envlights_lobes(f->directions, f->n_lights, NULL,
+                                                            judge->lobes, cells, diag)
+                                       : LS_ERR_NOMEM;
+    for (uint32_t i = 0; i < f->n_lights && !err; i++)
+        for (size_t l = 0; l < judge->lobes->n; l++)
+            weights[i] += (float)(cells[i * judge->lobes->n + l] *
+                                  ls_spectrum_mean(&judge->lobes->item[l].spectrum));
+    if (!err)
+        err = sim_truth_specular_relit(judge->scene, &region, weights, share, diag);
+    free(cells);
+    free(weights);
+    return err;
+}
+
+enum ls_err judge_picture_error(const struct judge *judge, const struct ls_image *relit,
+                                const struct ls_image *truth, double *percent, struct ls_diag *diag)
+{
+    if (relit->width != truth->width || relit->height != truth->height || relit->n_channels != 3)
+        return ls_fail(diag, LS_ERR_INVALID, "relit picture is %ux%ux%u, the truth %ux%ux3",
+                       relit->width, relit->height, relit->n_channels, truth->width, truth->height);
+    size_t n = (size_t)truth->width * truth->height;
+    float *share = calloc(n, sizeof *share);
+    enum ls_err err = share ? specular_share(judge, share, diag) : LS_ERR_NOMEM;
+    double difference = 0, total = 0;
+    for (size_t j = 0; j < n && !err; j++) {
+        for (int c = 0; c < JUDGE_COLOURS && !(share[j] > 0.5f); c++) {
+            double d = (double)relit->pixels[3 * j + c] - truth->pixels[3 * j + c];
+            difference += d * d;
+            total += (double)truth->pixels[3 * j + c] * truth->pixels[3 * j + c];
+        }
+    }
+    free(share);
+    if (!err)
+        *percent = 100 * sqrt(difference / total);
+    return err;
+}
+
+/* A mapped mosaic as RGB. */
+static enum ls_err view(const struct ls_field *f, const struct ls_picture *picture,
+                        struct ls_image *out, struct ls_diag *diag)
+{
+    enum ls_err err = ls_image_init(out, f->width, f->height, JUDGE_COLOURS, IMAGE_LIMIT_BYTES,
+                                    diag);
+    for (uint32_t y = 0; y < f->height && !err; y++)
+        for (uint32_t x = 0; x < f->width; x++)
+            out->pixels[3 * ((size_t)y * f->width + x) + ls_cfa_channel(f->cfa, x, y)] =
+                judge_stored(f, picture, x, y);
+    return err ? err : through_mosaic(f, out, diag);
+}
+
+/* The light whose direction is closest to camera-left, above, in front. */
+static uint32_t key_light(const struct ls_field *f)
+{
+    static const float wanted[3] = { -0.58f, 0.58f, 0.58f };
+    uint32_t best = 0;
+    float nearest = -2;
+    for (uint32_t i = 0; i < f->n_lights; i++) {
+        const float *d = f->directions[i];
+        float cosine = d[0] * wanted[0] + d[1] * wanted[1] + d[2] * wanted[2];
+        if (cosine > nearest) {
+            nearest = cosine;
+            best = i;
+        }
+    }
+    return best;
+}
+
+enum ls_err judge_view_field(const struct judge *judge, struct ls_image *spheres,
+                             struct ls_image *light, struct ls_diag *diag)
+{
+    const struct ls_field *f = &judge->source->field;
+    enum ls_err err = view(f, &f->white[key_light(f)], light, diag);
+    for (uint32_t s = 0; s < f->n_spectra && !err; s++)
+        err = view(f, &f->sphere[s], &spheres[s], diag);
+    return err;
+}
