@@ -197,13 +197,15 @@ static void merge_span(const struct model *m, const struct ls_merge_params *p,
                        const struct ls_merge_spans *s, size_t first, size_t n)
 {
     struct block b;
+    uint8_t flags[BLOCK];
 
     load(m, p, s, first, n, 0, &b);
     pad(m, &b, n);
     merge_block_any(m, &b);
     memcpy(s->e + first, b.e, n * sizeof *b.e);
-    for (size_t k = 0; k < n; k++)
-        s->validity[first + k] = (uint8_t)b.validity[k];
+    for (int k = 0; k < BLOCK; k++)
+        flags[k] = (uint8_t)b.validity[k];
+    memcpy(s->validity + first, flags, n);
     if (s->variance)
         memcpy(s->variance + first, b.variance, n * sizeof *b.variance);
 }

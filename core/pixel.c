@@ -107,16 +107,27 @@ static void pack_lsb(const uint16_t *in, unsigned bits, size_t first, size_t n, 
 
 /* Pixel k lies in the group of three bytes k / 2: its high byte first or last, its low bits in the
  * low or high nibble of the middle one. */
+static uint16_t gev_sample(const uint8_t *in, unsigned low, size_t k)
+{
+    const uint8_t *p = in + k / 2 * 3;
+    unsigned odd = k & 1, mask = (1u << low) - 1;
+
+    return (uint16_t)((unsigned)p[2 * odd] << low | (p[1] >> 4 * odd & mask));
+}
+
 static void unpack_gev(const uint8_t *in, unsigned bits, size_t first, size_t n, uint16_t *out)
 {
     unsigned low = bits - 8, mask = (1u << low) - 1;
+    size_t i = 0;
 
-    for (size_t i = 0; i < n; i++) {
-        size_t k = first + i;
-        const uint8_t *p = in + k / 2 * 3;
-        unsigned odd = k & 1;
-        out[i] = (uint16_t)((unsigned)p[2 * odd] << low | (p[1] >> 4 * odd & mask));
+    if (n && first & 1)
+        out[i++] = gev_sample(in, low, first);
+    for (const uint8_t *p = in + (first + i) / 2 * 3; i + 2 <= n; i += 2, p += 3) {
+        out[i] = (uint16_t)((unsigned)p[0] << low | (p[1] & mask));
+        out[i + 1] = (uint16_t)((unsigned)p[2] << low | (p[1] >> 4 & mask));
     }
+    if (i < n)
+        out[i] = gev_sample(in, low, first + i);
 }
 
 static void pack_gev(const uint16_t *in, unsigned bits, size_t first, size_t n, uint8_t *out)
