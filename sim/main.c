@@ -1,0 +1,154 @@
+/* lightstage-sim: the simulated rig as a process, and the truth about it on request. */
+#include "sim/config.h"
+#include "sim/rig.h"
+#include "sim/truth.h"
+
+#include <signal.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/prctl.h>
+#include <unistd.h>
+
+enum { EXIT_USAGE = 2 };
+
+static const char usage_text[] =
+    "usage: lightstage-sim run [--config FILE] [--ready-fd N] [--die-with-parent]\n"
+    "       lightstage-sim describe|field|relit|environment|samples|masks [--config FILE] ...\n"
+    "\n"
+    "run serves a simulated dome (Modbus TCP) and its cameras (GigE Vision) until SIGTERM;\n"
+    "the others print or write the truth of the same configuration. See sim/README.md.\n";
+
+struct options {
+    const char *config;
+    int ready_fd;
+    bool die_with_parent;
+};
+
+static int usage(void)
+{
+    fputs(usage_text, stderr);
+    return EXIT_USAGE;
+}
+
+static int fail(const struct ls_diag *diag)
+{
+    fprintf(stderr, "lightstage-sim: %s\n", diag->text);
+    return EXIT_FAILURE;
+}
+
+static bool parse_fd(const char *text, int *fd)
+{
+    char *end;
+    long value = strtol(text, &end, 10);
+    *fd = (int)value;
+    return *text && !*end && value >= 0 && value < 1 << 20;
+}
+
+static bool parse_run(int argc, char **argv, struct options *options)
+{
+    *options = (struct options){.ready_fd = -1};
+    for (int i = 1; i < argc; i++) {
+        bool more = i + 1 < argc;
+        if (!strcmp(argv[i], "--config") && more)
+            options->config = argv[++i];
+        else if (!strcmp(argv[i], "--ready-fd") && more && parse_fd(argv[i + 1], &options->ready_fd))
+            i++;
+        else if (!strcmp(argv[i], "--die-with-parent"))
+            options->die_with_parent = true;
+        else
+            return false;
+    }
+    return true;
+}
+
+static enum ls_err load(const char *path, struct sim_config *config, struct ls_diag *diag)
+{
+    if (path)
+        return sim_config_load(path, config, diag);
+    sim_config_defaults(config);
+    return LS_OK;
+}
+
+static void block_signals(sigset_t *stop)
+{
+    sigemptyset(stop);
+    sigaddset(stop, SIGTERM);
+    sigaddset(stop, SIGINT);
+    sigprocmask(SIG_BLOCK, stop, NULL);
+    signal(SIGPIPE, SIG_IGN);
+}
+
+static enum ls_err announce(const struct sim_rig *rig, int fd, struct ls_diag *diag)
+{
+    LS_CLEANUP_FREE char *line = sim_rig_ready_line(rig);
+    if (!line)
+        return ls_fail(diag, LS_ERR_NOMEM, "out of memory");
+    if (dprintf(fd < 0 ? STDOUT_FILENO : fd, "%s\n", line) < 0)
+        return ls_fail(diag, LS_ERR_OS, "cannot write the ready line to descriptor %d", fd);
+    if (fd > STDERR_FILENO)
+        close(fd);
+    return LS_OK;
+}
+
+static int run(int argc, char **argv)
+{
+    struct options options;
+    struct sim_config config;
+    struct sim_rig *rig = NULL;
+    struct ls_diag diag = {0};
+    sigset_t stop;
+    int signal_number;
+    if (!parse_run(argc, argv, &options))
+        return usage();
+    block_signals(&stop);
+    if (options.die_with_parent)
+        prctl(PR_SET_PDEATHSIG, SIGTERM);
+    if (load(options.config, &config, &diag) || sim_rig_create(&config, &rig, &diag))
+        return fail(&diag);
+    enum ls_err err = announce(rig, options.ready_fd, &diag);
+    if (!err)
+        sigwait(&stop, &signal_number);
+    enum ls_err end = sim_rig_destroy(rig, err ? NULL : &diag);
+    return err || end ? fail(&diag) : EXIT_SUCCESS;
+}
+
+/** Take `--config FILE` out of the arguments. */
+static const char *take_config(int *argc, char **argv)
+{
+    const char *path = NULL;
+    for (int i = 1; i + 1 < *argc;) {
+        if (strcmp(argv[i], "--config")) {
+            i++;
+            continue;
+        }
+        path = argv[i + 1];
+        memmove(argv + i, argv + i + 2, (size_t)(*argc - i - 1) * sizeof *argv);
+        *argc -= 2;
+    }
+    return path;
+}
+
+static int truth(int argc, char **argv)
+{
+    struct sim_config config;
+    struct ls_diag diag = {0};
+    const char *path = take_config(&argc, argv);
+    if (load(path, &config, &diag))
+        return fail(&diag);
+    return sim_truth_main(&config.scene, argc, argv);
+}
+
+int main(int argc, char **argv)
+{
+    static const char *const truths[] = {"describe",    "field",   "relit",
+                                         "environment", "samples", "masks"};
+    if (argc < 2)
+        return usage();
+    if (!strcmp(argv[1], "run"))
+        return run(argc - 1, argv + 1);
+    for (size_t i = 0; i < sizeof truths / sizeof *truths; i++)
+        if (!strcmp(argv[1], truths[i]))
+            return truth(argc - 1, argv + 1);
+    return usage();
+}
