@@ -111,7 +111,7 @@ static void set_text(struct sim_registers *r, uint32_t address, size_t size, con
     arv_fake_camera_write_memory(r->fake, address, (guint32)size, field);
 }
 
-uint32_t sim_raw_bytes(uint32_t pixel_format, uint32_t width, uint32_t height)
+uint32_t sim_image_bytes(uint32_t pixel_format, uint32_t width, uint32_t height)
 {
     uint64_t bits = pixel_format >> 16 & 0xff;
     return (uint32_t)(((uint64_t)width * height * bits + 7) / 8);
@@ -125,7 +125,7 @@ static uint32_t padded(uint32_t bytes)
 static uint32_t payload_bytes(struct sim_registers *r)
 {
     static const uint32_t chunk_bytes[SIM_N_CHUNKS] = {0, 8, 8, 4};
-    uint32_t image = sim_raw_bytes(get(r, SIM_REG_PIXEL_FORMAT), get(r, SIM_REG_WIDTH),
+    uint32_t image = sim_image_bytes(get(r, SIM_REG_PIXEL_FORMAT), get(r, SIM_REG_WIDTH),
                                    get(r, SIM_REG_HEIGHT));
     if (!get(r, SIM_REG_CHUNK_MODE))
         return image;
@@ -277,7 +277,7 @@ static void read_settings(struct sim_registers *r, struct sim_camera_settings *s
         .pixel_format = get(r, SIM_REG_PIXEL_FORMAT),
         .gain_db = (double)word_float(get(r, SIM_REG_GAIN)),
     };
-    s->image_bytes = sim_raw_bytes(s->format.pixel_format, s->format.width, s->format.height);
+    s->image_bytes = sim_image_bytes(s->format.pixel_format, s->format.width, s->format.height);
     s->payload_bytes = payload_bytes(r);
     s->chunks = get(r, SIM_REG_CHUNK_MODE);
     for (uint32_t chunk = 0; chunk < SIM_N_CHUNKS; chunk++)

@@ -151,6 +151,6 @@ enum sim_gvcp_status sim_registers_write(struct sim_registers *registers, uint32
 void sim_registers_settings(struct sim_registers *registers, struct sim_camera_settings *settings);
 
 /** Image bytes of a format: @width x @height pixels without padding. */
-uint32_t sim_raw_bytes(uint32_t pixel_format, uint32_t width, uint32_t height);
+uint32_t sim_image_bytes(uint32_t pixel_format, uint32_t width, uint32_t height);
 
 #endif

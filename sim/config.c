@@ -12,7 +12,7 @@
 #define I64_MAX 9007199254740992.0 /* 2^53: exact in the reader's arithmetic */
 
 static const struct sim_key scene_keys[] = {
-    {"kind", SIM_KEY_STRING, SIM_FIELD(struct sim_scene_config, scene),
+    {"scene", SIM_KEY_STRING, SIM_FIELD(struct sim_scene_config, scene),
      "stilllife grey chrome gloss stamp replay"},
     {"seed", SIM_KEY_U64, SIM_RANGE(struct sim_scene_config, seed, 0, I64_MAX)},
     {"positions", SIM_KEY_PATH, SIM_FIELD(struct sim_scene_config, positions_csv)},
@@ -194,7 +194,6 @@ void sim_config_defaults(struct sim_config *config)
     memset(config, 0, sizeof *config);
     sim_scene_config_default(&config->scene);
     sim_controller_defaults(&config->controller);
-    config->controller.port = 1502;
     config->controller.clock.epoch_ticks = 3600000000u;
     config->controller.clock.drift_ppm = -35;
     for (uint32_t i = 0; i < SIM_MAX_CAMERAS; i++)

@@ -5,10 +5,10 @@
  * Ownership: open / close.
  *
  * Keys: camera, frame_id (0: none), camera_ns, true_ns, exposure_us, lit_us, step (-1: none),
- * condition (-1: dark), kind (dark one sphere segment list), n_leds, light, channel, duty (of the
- * first LED; -1 if none), hash (8 hex digits over every LED), fate (sent dropped_pulse lost_frame
- * missed_trigger). The times of one line: camera_ns in the camera's clock, true_ns in host
- * CLOCK_MONOTONIC_RAW, both the start of the exposure.
+ * condition (-1: dark), kind (dark one sphere segment list), n_leds, light (-1 unless exactly one
+ * LED is lit), channel and duty (of the first LED; -1 if none), hash (8 hex digits over every LED),
+ * fate (sent dropped_pulse lost_frame missed_trigger). camera_ns is the start of the exposure in
+ * the camera's clock, true_ns the same in host CLOCK_MONOTONIC_RAW.
  */
 #ifndef LS_SIM_LOG_H
 #define LS_SIM_LOG_H

@@ -1,7 +1,6 @@
-/* lightstage-sim: the simulated rig as a process, and the truth about it on request. */
+/* lightstage-sim: the simulated rig as a process. */
 #include "sim/config.h"
 #include "sim/rig.h"
-#include "sim/truth.h"
 
 #include <signal.h>
 #include <stdio.h>
@@ -14,10 +13,9 @@ enum { EXIT_USAGE = 2 };
 
 static const char usage_text[] =
     "usage: lightstage-sim run [--config FILE] [--ready-fd N] [--die-with-parent]\n"
-    "       lightstage-sim describe|field|relit|environment|samples|masks [--config FILE] ...\n"
     "\n"
-    "run serves a simulated dome (Modbus TCP) and its cameras (GigE Vision) until SIGTERM;\n"
-    "the others print or write the truth of the same configuration. See sim/README.md.\n";
+    "run serves a simulated dome (Modbus TCP) and its cameras (GigE Vision) until SIGTERM.\n"
+    "See sim/README.md.\n";
 
 struct options {
     const char *config;
@@ -113,42 +111,9 @@ static int run(int argc, char **argv)
     return err || end ? fail(&diag) : EXIT_SUCCESS;
 }
 
-/** Take `--config FILE` out of the arguments. */
-static const char *take_config(int *argc, char **argv)
-{
-    const char *path = NULL;
-    for (int i = 1; i + 1 < *argc;) {
-        if (strcmp(argv[i], "--config")) {
-            i++;
-            continue;
-        }
-        path = argv[i + 1];
-        memmove(argv + i, argv + i + 2, (size_t)(*argc - i - 1) * sizeof *argv);
-        *argc -= 2;
-    }
-    return path;
-}
-
-static int truth(int argc, char **argv)
-{
-    struct sim_config config;
-    struct ls_diag diag = {0};
-    const char *path = take_config(&argc, argv);
-    if (load(path, &config, &diag))
-        return fail(&diag);
-    return sim_truth_main(&config.scene, argc, argv);
-}
-
 int main(int argc, char **argv)
 {
-    static const char *const truths[] = {"describe",    "field",   "relit",
-                                         "environment", "samples", "masks"};
-    if (argc < 2)
+    if (argc < 2 || strcmp(argv[1], "run"))
         return usage();
-    if (!strcmp(argv[1], "run"))
-        return run(argc - 1, argv + 1);
-    for (size_t i = 0; i < sizeof truths / sizeof *truths; i++)
-        if (!strcmp(argv[1], truths[i]))
-            return truth(argc - 1, argv + 1);
-    return usage();
+    return run(argc - 1, argv + 1);
 }
