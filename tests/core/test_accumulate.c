@@ -1,0 +1,320 @@
+#include "core/half.h"
+#include "core/relight.h"
+
+#include <glib.h>
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/mman.h>
+#include <unistd.h>
+
+/** Pictures in tiles that end where readable memory ends. */
+struct pictures {
+    struct ls_field field;
+    struct ls_picture *picture;
+    const void ***tiles; /* [n][tiles] */
+    float *value;        /* [n][height][width], as stored */
+    uint32_t n;
+};
+
+/* @bytes readable bytes with nothing readable behind them; odd sizes start unaligned */
+static uint8_t *guarded(size_t bytes)
+{
+    size_t page = (size_t)sysconf(_SC_PAGESIZE), whole = (bytes + page - 1) / page * page;
+    uint8_t *base = mmap(NULL, whole + page, PROT_READ | PROT_WRITE,
+                         MAP_PRIVATE | MAP_ANONYMOUS, -1, 0);
+    g_assert_true(base != MAP_FAILED);
+    g_assert_cmpint(mprotect(base + whole, page, PROT_NONE), ==, 0);
+    return base + whole - bytes;
+}
+
+static void guarded_free(const void *tile, size_t bytes)
+{
+    size_t page = (size_t)sysconf(_SC_PAGESIZE), whole = (bytes + page - 1) / page * page;
+    g_assert_cmpint(munmap((uint8_t *)tile - (whole - bytes), whole + page), ==, 0);
+}
+
+static size_t tile_bytes(const struct ls_field *field, uint32_t tx, uint32_t ty)
+{
+    struct ls_tile_region one = {tx, ty, tx + 1, ty + 1};
+    return 2 * (size_t)ls_region_width_px(field, &one) * ls_region_height_px(field, &one);
+}
+
+static void pictures_init(struct pictures *p, uint32_t n, uint32_t width, uint32_t height,
+                          GRand *rand)
+{
+    *p = (struct pictures){.n = n, .field = {.width = width, .height = height}};
+    uint32_t tx_n = ls_field_tiles_x(&p->field), ty_n = ls_field_tiles_y(&p->field);
+    p->picture = g_new0(struct ls_picture, n);
+    p->tiles = g_new0(const void **, n);
+    p->value = g_new(float, (size_t)n * width * height);
+    for (uint32_t i = 0; i < n; i++) {
+        p->tiles[i] = g_new0(const void *, tx_n * ty_n);
+        p->picture[i].tiles = p->tiles[i];
+        for (uint32_t ty = 0; ty < ty_n; ty++)
+            for (uint32_t tx = 0; tx < tx_n; tx++) {
+                uint8_t *tile = guarded(tile_bytes(&p->field, tx, ty));
+                p->tiles[i][ty * tx_n + tx] = tile;
+                for (uint32_t y = ty * 64; y < MIN(height, ty * 64 + 64); y++)
+                    for (uint32_t x = tx * 64; x < MIN(width, tx * 64 + 64); x++) {
+                        double v = g_rand_double_range(rand, -0.1, 1);
+                        uint16_t half = ls_half_from_float((float)(x % 7 ? v : v * 1e-7));
+                        memcpy(tile, &half, 2);
+                        tile += 2;
+                        p->value[((size_t)i * height + y) * width + x] = ls_half_to_float(half);
+                    }
+            }
+    }
+}
+
+static void pictures_finish(struct pictures *p)
+{
+    uint32_t tx_n = ls_field_tiles_x(&p->field), ty_n = ls_field_tiles_y(&p->field);
+    for (uint32_t i = 0; i < p->n; i++) {
+        for (uint32_t t = 0; t < tx_n * ty_n; t++)
+            if (p->tiles[i][t])
+                guarded_free(p->tiles[i][t], tile_bytes(&p->field, t % tx_n, t / tx_n));
+        g_free(p->tiles[i]);
+    }
+    g_free(p->tiles);
+    g_free(p->picture);
+    g_free(p->value);
+}
+
+static struct ls_tile_region whole(const struct ls_field *field)
+{
+    return (struct ls_tile_region){0, 0, ls_field_tiles_x(field), ls_field_tiles_y(field)};
+}
+
+static float *weights(uint32_t n_sums, uint32_t n, GRand *rand)
+{
+    float *w = g_new(float, (size_t)n_sums * n);
+    for (uint32_t k = 0; k < n_sums * n; k++)
+        w[k] = k / n % 3 == 0   ? (float)g_rand_double_range(rand, 0, 1)
+               : k / n % 3 == 1 ? (k % 2 ? 1e4f : -1e4f)
+                                : (float)(g_rand_double(rand) * 1e-3) * (float)(k % 5 == 0);
+    return w;
+}
+
+static void test_sums_are_within_the_stated_bound(void)
+{
+    static const struct {
+        uint32_t n, width, height, sums;
+    } c[] = {{1, 1, 1, 1}, {12, 63, 65, 3}, {346, 65, 3, 16}, {9, 130, 70, 2}, {8, 7, 64, 40}};
+    guint32 seed = (guint32)g_test_rand_int();
+    g_autoptr(GRand) rand = g_rand_new_with_seed(seed);
+    double worst = 0;
+    g_test_message("seed %u", seed);
+    for (size_t k = 0; k < G_N_ELEMENTS(c); k++) {
+        struct pictures p;
+        pictures_init(&p, c[k].n, c[k].width, c[k].height, rand);
+        size_t px = (size_t)c[k].width * c[k].height;
+        g_autofree float *w = weights(c[k].sums, c[k].n, rand);
+        g_autofree float *sums = g_new(float, c[k].sums * px);
+        struct ls_accumulate_job job = {.pictures = p.picture, .n_pictures = c[k].n,
+                                        .n_sums = c[k].sums, .weights = w};
+        struct ls_tile_region all = whole(&p.field);
+        struct ls_accumulate_report report;
+        g_assert_cmpint(ls_accumulate(&p.field, &job, &all, sums, &report, NULL), ==, LS_OK);
+        g_assert_cmpfloat(report.bound, ==, 0);
+        g_assert_cmpuint(report.not_finite, ==, 0);
+        for (uint32_t q = 0; q < c[k].sums; q++)
+            for (size_t j = 0; j < px; j++) {
+                long double sum = 0, size = 0;
+                for (uint32_t i = 0; i < c[k].n; i++) {
+                    long double term = (long double)w[q * c[k].n + i] * p.value[i * px + j];
+                    sum += term;
+                    size += fabsl(term);
+                }
+                double bound = (c[k].n / 8.0 + 9) * 0x1p-24 * (double)size;
+                double error = fabs((double)(sums[q * px + j] - sum));
+                /* products below the smallest normal float round absolutely */
+                g_assert_cmpfloat(error, <=, bound + c[k].n * 0x1p-149);
+                worst = fmax(worst, bound > 0 ? error / bound : 0);
+            }
+        pictures_finish(&p);
+    }
+    g_test_message("largest error: %.3f of the bound", worst);
+}
+
+static void test_every_kernel_gives_the_same_bits(void)
+{
+    g_autoptr(GRand) rand = g_rand_new_with_seed(5);
+    enum { N = 8, SUMS = 5 };
+    float w[SUMS][8];
+    const struct ls_accumulate_kernel *c = ls_accumulate_kernel("f16c");
+    const struct ls_accumulate_kernel *fast = ls_accumulate_kernel(NULL);
+    g_assert_cmpstr(c->name, ==, "c");
+    if (fast == c)
+        g_test_skip("this processor has no F16C");
+    for (uint32_t count = 1; count <= 64; count++) {
+        const void *rows[N];
+        float a[SUMS][64], b[SUMS][64];
+        for (int i = 0; i < N; i++) {
+            uint8_t *row = guarded(2 * count);
+            rows[i] = row;
+            for (uint32_t j = 0; j < 2 * count; j++)
+                row[j] = (uint8_t)g_rand_int(rand); /* every half there is: NaN, Inf, denormal */
+        }
+        for (int q = 0; q < SUMS; q++)
+            for (int i = 0; i < N; i++)
+                w[q][i] = (float)g_rand_double_range(rand, -10, 10);
+        for (int q = 0; q < SUMS; q++)
+            for (int j = 0; j < 64; j++)
+                a[q][j] = b[q][j] = (float)j;
+        unsigned bad_a = c->rows(rows, (const float(*)[8])w, SUMS, count, a[0], 64);
+        unsigned bad_b = fast->rows(rows, (const float(*)[8])w, SUMS, count, b[0], 64);
+        g_assert_cmpmem(a, sizeof a, b, sizeof b);
+        g_assert_cmpuint(bad_a, ==, bad_b);
+        for (int q = 0; q < SUMS; q++)
+            for (int j = 0; j < 64; j++)
+                g_assert_true(isfinite(a[q][j]));
+        for (int i = 0; i < N; i++)
+            guarded_free(rows[i], 2 * count);
+    }
+}
+
+static void test_any_split_into_regions_gives_the_same_bits(void)
+{
+    g_autoptr(GRand) rand = g_rand_new_with_seed(6);
+    enum { N = 21, W = 150, H = 140, SUMS = 3 };
+    struct pictures p;
+    pictures_init(&p, N, W, H, rand);
+    g_autofree float *w = weights(SUMS, N, rand);
+    g_autofree float *sums = g_new(float, SUMS *W *H), *part = g_new(float, SUMS * 64 * 64);
+    struct ls_accumulate_job job = {.pictures = p.picture, .n_pictures = N, .n_sums = SUMS,
+                                    .weights = w};
+    struct ls_tile_region all = whole(&p.field);
+    g_assert_cmpint(ls_accumulate(&p.field, &job, &all, sums, NULL, NULL), ==, LS_OK);
+    for (uint32_t ty = 0; ty < 3; ty++)
+        for (uint32_t tx = 0; tx < 3; tx++) {
+            struct ls_tile_region one = {tx, ty, tx + 1, ty + 1};
+            uint32_t w_px = ls_region_width_px(&p.field, &one);
+            uint32_t h_px = ls_region_height_px(&p.field, &one);
+            g_assert_cmpint(ls_accumulate(&p.field, &job, &one, part, NULL, NULL), ==, LS_OK);
+            for (uint32_t q = 0; q < SUMS; q++)
+                for (uint32_t y = 0; y < h_px; y++)
+                    g_assert_cmpmem(part + ((size_t)q * h_px + y) * w_px, w_px * sizeof *part,
+                                    sums + ((size_t)q * H + ty * 64 + y) * W + tx * 64,
+                                    w_px * sizeof *part);
+        }
+    pictures_finish(&p);
+}
+
+static void test_a_light_of_no_weight_is_never_read(void)
+{
+    g_autoptr(GRand) rand = g_rand_new_with_seed(7);
+    struct pictures p;
+    float sums[2 * 10 * 10];
+    const float w[2 * 3] = {0, 1, 0, 0, 2, 0};
+    pictures_init(&p, 3, 10, 10, rand);
+    void *forbidden = mmap(NULL, 4096, PROT_NONE, MAP_PRIVATE | MAP_ANONYMOUS, -1, 0);
+    const void *kept = p.tiles[0][0];
+    p.tiles[0][0] = forbidden; /* a read would be the end of this test */
+    struct ls_accumulate_job job = {.pictures = p.picture, .n_pictures = 3, .n_sums = 2,
+                                    .weights = w};
+    struct ls_tile_region all = whole(&p.field);
+    struct ls_accumulate_report report;
+    g_assert_cmpint(ls_accumulate(&p.field, &job, &all, sums, &report, NULL), ==, LS_OK);
+    g_assert_cmpuint(report.tiles_read, ==, 1);
+    g_assert_cmpuint(report.tiles_skipped, ==, 2);
+    g_assert_cmpfloat(sums[100], ==, 2 * p.value[100]);
+    p.tiles[0][0] = kept;
+    munmap(forbidden, 4096);
+    pictures_finish(&p);
+}
+
+static void test_what_is_left_out_stays_under_the_requested_error(void)
+{
+    g_autoptr(GRand) rand = g_rand_new_with_seed(8);
+    enum { N = 40, W = 70, H = 66, SUMS = 2, TILES = 4 };
+    struct pictures p;
+    pictures_init(&p, N, W, H, rand);
+    g_autofree float *w = g_new(float, SUMS *N), *tile_max = g_new0(float, TILES *N);
+    g_autofree float *exact = g_new(float, SUMS *W *H), *cut = g_new(float, SUMS *W *H);
+    for (int k = 0; k < SUMS * N; k++)
+        w[k] = (float)exp(g_rand_double_range(rand, -12, 0)) * (k % 3 ? 1 : -1);
+    for (uint32_t i = 0; i < N; i++)
+        for (uint32_t y = 0; y < H; y++)
+            for (uint32_t x = 0; x < W; x++) {
+                float *most = &tile_max[(y / 64 * 2 + x / 64) * N + i];
+                *most = fmaxf(*most, fabsf(p.value[(i * H + y) * W + x]));
+            }
+    struct ls_accumulate_job job = {.pictures = p.picture, .n_pictures = N, .n_sums = SUMS,
+                                    .weights = w, .tile_max = tile_max};
+    struct ls_tile_region all = whole(&p.field);
+    struct ls_accumulate_report report;
+    g_assert_cmpint(ls_accumulate(&p.field, &job, &all, exact, NULL, NULL), ==, LS_OK);
+    for (double error = 1e-4; error < 100; error *= 10) {
+        job.max_error = error;
+        g_assert_cmpint(ls_accumulate(&p.field, &job, &all, cut, &report, NULL), ==, LS_OK);
+        g_assert_cmpfloat(report.bound, <=, error);
+        g_assert_cmpuint(report.tiles_read + report.tiles_skipped, ==, TILES * N);
+        for (int j = 0; j < SUMS * W * H; j++)
+            /* and the rounding of 40 terms below 1 */
+            g_assert_cmpfloat(fabs((double)(cut[j] - exact[j])), <=, report.bound + 5e-6);
+        if (error >= 1e-2)
+            g_assert_cmpuint(report.tiles_skipped, >, TILES * N / 4);
+    }
+    g_assert_cmpuint(report.tiles_read, ==, 0);
+    job.tile_max = NULL;
+    g_assert_cmpint(ls_accumulate(&p.field, &job, &all, cut, &report, NULL), ==, LS_ERR_INVALID);
+    pictures_finish(&p);
+}
+
+static void test_stored_infinities_count_as_nothing_and_are_counted(void)
+{
+    const uint16_t half[2][4] = {{0x7c00, 0xfc00, 0x7e01, 0x3c00}, {0x3c00, 0x3c00, 0x3c00, 0x0001}};
+    const void *tiles[2][1] = {{half[0]}, {half[1]}};
+    struct ls_picture pictures[2] = {{tiles[0]}, {tiles[1]}};
+    struct ls_field field = {.width = 4, .height = 1};
+    float w[2] = {2, 1}, sums[4];
+    struct ls_accumulate_job job = {.pictures = pictures, .n_pictures = 2, .n_sums = 1,
+                                    .weights = w};
+    struct ls_tile_region all = whole(&field);
+    struct ls_accumulate_report report;
+    g_assert_cmpint(ls_accumulate(&field, &job, &all, sums, &report, NULL), ==, LS_OK);
+    g_assert_cmpuint(report.not_finite, ==, 3);
+    g_assert_cmpfloat(sums[0], ==, 1);
+    g_assert_cmpfloat(sums[2], ==, 1);
+    g_assert_cmpfloat(sums[3], ==, 2 + 0x1p-24f);
+    w[1] = NAN;
+    g_assert_cmpint(ls_accumulate(&field, &job, &all, sums, &report, NULL), ==, LS_ERR_INVALID);
+    all.x1 = 2;
+    w[1] = 1;
+    g_assert_cmpint(ls_accumulate(&field, &job, &all, sums, &report, NULL), ==, LS_ERR_INVALID);
+}
+
+static void test_an_absent_tile_is_black(void)
+{
+    const void *none[1] = {NULL};
+    struct ls_picture picture = {none};
+    struct ls_field field = {.width = 3, .height = 2};
+    const float w[1] = {1};
+    float sums[6] = {1, 1, 1, 1, 1, 1};
+    struct ls_accumulate_job job = {.pictures = &picture, .n_pictures = 1, .n_sums = 1,
+                                    .weights = w};
+    struct ls_tile_region all = whole(&field);
+    g_assert_cmpint(ls_accumulate(&field, &job, &all, sums, NULL, NULL), ==, LS_OK);
+    for (int j = 0; j < 6; j++)
+        g_assert_cmpfloat(sums[j], ==, 0);
+}
+
+int main(int argc, char **argv)
+{
+    g_test_init(&argc, &argv, NULL);
+    g_test_add_func("/accumulate/sums-are-within-the-stated-bound",
+                    test_sums_are_within_the_stated_bound);
+    g_test_add_func("/accumulate/every-kernel-gives-the-same-bits",
+                    test_every_kernel_gives_the_same_bits);
+    g_test_add_func("/accumulate/any-split-into-regions-gives-the-same-bits",
+                    test_any_split_into_regions_gives_the_same_bits);
+    g_test_add_func("/accumulate/a-light-of-no-weight-is-never-read",
+                    test_a_light_of_no_weight_is_never_read);
+    g_test_add_func("/accumulate/what-is-left-out-stays-under-the-requested-error",
+                    test_what_is_left_out_stays_under_the_requested_error);
+    g_test_add_func("/accumulate/stored-infinities-count-as-nothing-and-are-counted",
+                    test_stored_infinities_count_as_nothing_and_are_counted);
+    g_test_add_func("/accumulate/an-absent-tile-is-black", test_an_absent_tile_is_black);
+    return g_test_run();
+}
