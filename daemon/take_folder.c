@@ -196,14 +196,15 @@ enum ls_err ls_take_folder_sweep(struct ls_take_folder *folder, struct ls_diag *
     return err;
 }
 
-static enum ls_err too_little(uint64_t need, uint64_t spare, uint64_t available,
+/* @why: what the system said, or "". */
+static enum ls_err too_little(uint64_t need, uint64_t spare, uint64_t available, const char *why,
                               struct ls_diag *diag)
 {
     return ls_fail(diag, LS_ERR_FULL, "the disk has %.1f MB free; the take needs %.1f MB and %.1f "
-                   "MB are to stay free (%llu, %llu, %llu bytes): make room or choose another "
+                   "MB are to stay free (%llu, %llu, %llu bytes)%s%s: make room or choose another "
                    "storage folder", (double)available / 1e6, (double)need / 1e6,
                    (double)spare / 1e6, (unsigned long long)available, (unsigned long long)need,
-                   (unsigned long long)spare);
+                   (unsigned long long)spare, *why ? "; " : "", why);
 }
 
 enum ls_err ls_take_folder_reserve(struct ls_take_folder *folder, uint64_t need_bytes,
@@ -214,13 +215,16 @@ enum ls_err ls_take_folder_reserve(struct ls_take_folder *folder, uint64_t need_
         return fail("ask for the free space of", folder->path, diag);
     uint64_t available = (uint64_t)info.f_bavail * info.f_frsize;
     if (available < spare_bytes || available - spare_bytes < need_bytes)
-        return too_little(need_bytes, spare_bytes, available, diag);
+        return too_little(need_bytes, spare_bytes, available, "", diag);
+    struct ls_diag why = {0};
     enum ls_err err = ls_disk_create(folder->shim, folder->dir_fd, reserve_name,
-                                     &folder->reserve_fd, diag);
+                                     &folder->reserve_fd, &why);
     if (!err)
-        err = ls_disk_allocate(folder->shim, folder->reserve_fd, reserve_name, need_bytes, diag);
+        err = ls_disk_allocate(folder->shim, folder->reserve_fd, reserve_name, need_bytes, &why);
     folder->reserved_bytes = err ? 0 : need_bytes;
-    return err == LS_ERR_FULL ? too_little(need_bytes, spare_bytes, available, diag) : err;
+    if (err == LS_ERR_FULL)
+        return too_little(need_bytes, spare_bytes, available, why.text, diag);
+    return err ? ls_fail(diag, err, "%s", why.text) : LS_OK;
 }
 
 enum ls_err ls_take_folder_release(struct ls_take_folder *folder, uint64_t n_bytes,
