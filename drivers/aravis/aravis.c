@@ -1,10 +1,10 @@
 #include "drivers/aravis/aravis.h"
 
+#include "drivers/aravis/receive_path.h"
 #include "drivers/aravis/settings.h"
 
 #include <arpa/inet.h>
 #include <errno.h>
-#include <linux/if_ether.h>
 #include <poll.h>
 #include <pthread.h>
 #include <sched.h>
@@ -14,7 +14,6 @@
 #include <stdlib.h>
 #include <string.h>
 #include <sys/eventfd.h>
-#include <sys/socket.h>
 #include <time.h>
 #include <unistd.h>
 
@@ -24,13 +23,15 @@ enum {
     PACKET_TIMEOUT_US = 5000,
     DEFAULT_RETENTION_US = 200000,
     BLOCK_IDS = 65535, /* 16-bit ids run 1..65535 */
+    SETTLE_MS = 20,    /* longer than the packet ring holds a packet back */
+    MAX_ATTEMPTS = 20,
 };
 
 struct aravis {
     ArvCamera *camera;
     char address[INET_ADDRSTRLEN];
     struct ls_aravis_setup setup;
-    uint32_t packet_retention_us;
+    uint32_t retention_us;
     int rt_priority;
 
     ArvStream *stream;
@@ -282,40 +283,28 @@ static enum ls_err aravis_apply(void *priv, const struct ls_camera_config *confi
     if (atomic_load(&a->gone))
         return ls_fail(diag, LS_ERR_GONE, "camera %s: control is lost", a->address);
     a->rt_priority = config->rt_priority;
-    a->packet_retention_us =
+    a->retention_us =
         config->frame_retention_us ? config->frame_retention_us : DEFAULT_RETENTION_US;
     return ls_aravis_apply(a->camera, a->address, config, &a->setup, info, diag);
 }
 
-static uint32_t sysctl_bytes(const char *path)
+static enum ls_err wait_for_thread(struct aravis *a, struct ls_diag *diag)
 {
-    unsigned long value = 0;
-    FILE *file = fopen(path, "re");
-    if (!file)
-        return 0;
-    if (fscanf(file, "%lu", &value) != 1)
-        value = 0;
-    fclose(file);
-    return value > RECEIVE_BUFFER ? RECEIVE_BUFFER : (uint32_t)value;
-}
-
-/** Aravis decides by the same attempt, and tells nobody. */
-static void describe_path(struct ls_camera_info *info)
-{
-    int fd = socket(PF_PACKET, SOCK_RAW, htons(ETH_P_ALL));
-    uint32_t max = sysctl_bytes("/proc/sys/net/core/rmem_max");
-    uint32_t initial = sysctl_bytes("/proc/sys/net/core/rmem_default");
-    info->packet_socket = fd >= 0;
-    info->receive_buffer_bytes = fd >= 0 ? 0 : initial < max ? initial : max;
-    if (fd >= 0)
-        close(fd);
+    struct timespec until;
+    clock_gettime(CLOCK_REALTIME, &until);
+    until.tv_sec += 2;
+    while (sem_timedwait(&a->receiving, &until))
+        if (errno != EINTR)
+            return ls_fail(diag, LS_ERR_OS, "camera %s: its receive thread did not start",
+                           a->address);
+    return LS_OK;
 }
 
 static enum ls_err create_stream(struct aravis *a, struct ls_camera_info *info,
                                  struct ls_diag *diag)
 {
     GError *error = NULL;
-    struct timespec until;
+    g_clear_object(&a->stream);
     a->stream = arv_camera_create_stream(a->camera, on_stream, a, &error);
     if (!a->stream)
         return ls_aravis_fail(diag, a->address, "stream", error);
@@ -323,16 +312,37 @@ static enum ls_err create_stream(struct aravis *a, struct ls_camera_info *info,
                  "socket-buffer-size", RECEIVE_BUFFER, "packet-resend",
                  ARV_GV_STREAM_PACKET_RESEND_ALWAYS, "initial-packet-timeout",
                  INITIAL_PACKET_TIMEOUT_US, "packet-timeout", PACKET_TIMEOUT_US,
-                 "frame-retention", a->packet_retention_us, "packet-request-ratio", 1.0, NULL);
-    clock_gettime(CLOCK_REALTIME, &until);
-    until.tv_sec += 2;
-    while (sem_timedwait(&a->receiving, &until))
-        if (errno != EINTR)
-            return ls_fail(diag, LS_ERR_OS, "camera %s: its receive thread did not start",
-                           a->address);
+                 "frame-retention", a->retention_us, "packet-request-ratio", 1.0, NULL);
+    enum ls_err err = wait_for_thread(a, diag);
+    if (err)
+        return err;
     info->realtime = atomic_load(&a->realtime);
-    describe_path(info);
-    return LS_OK;
+    return ls_aravis_receive_path(a->address, arv_gv_stream_get_port(ARV_GV_STREAM(a->stream)),
+                                  info, diag);
+}
+
+/** Aravis binds its packet socket before it filters it: what else passes the interface in between
+ * (another camera's stream) is taken for ours, and frame ids below those it saw are then thrown
+ * away as late. The camera does not send yet, so any packet at all is such a stray. */
+static bool heard_strays(struct aravis *a)
+{
+    struct timespec rest = {0, SETTLE_MS * 1000000};
+    nanosleep(&rest, NULL);
+    return arv_stream_get_info_uint64_by_name(a->stream, "n_received_packets") > 0;
+}
+
+static enum ls_err create_clean_stream(struct aravis *a, struct ls_camera_info *info,
+                                       struct ls_diag *diag)
+{
+    for (int attempt = 0; attempt < MAX_ATTEMPTS; attempt++) {
+        enum ls_err err = create_stream(a, info, diag);
+        if (err || !info->packet_socket || !heard_strays(a))
+            return err;
+    }
+    return ls_fail(diag, LS_ERR_BUSY,
+                   "camera %s: its network interface is never quiet enough to start: stop what "
+                   "else is streaming on it",
+                   a->address);
 }
 
 static enum ls_err push_slots(struct aravis *a, const struct ls_camera_slots *slots,
@@ -363,7 +373,7 @@ static enum ls_err aravis_start(void *priv, const struct ls_camera_slots *slots,
     if (atomic_load(&a->gone))
         return ls_fail(diag, LS_ERR_GONE, "camera %s: control is lost", a->address);
     a->raw_id = a->frame_id = 0;
-    enum ls_err err = create_stream(a, info, diag);
+    enum ls_err err = create_clean_stream(a, info, diag);
     if (!err)
         err = push_slots(a, slots, info->payload_bytes);
     if (!err)

@@ -117,16 +117,51 @@ static enum ls_err set_boolean(struct pass *p, const char *feature, bool asked)
                   read);
 }
 
-static enum ls_err set_number(struct pass *p, const char *feature, double asked, double *got)
+/** A number Aravis knows under several vendors' names. */
+struct number {
+    const char *name;
+    gboolean (*available)(ArvCamera *camera, GError **error);
+    void (*set)(ArvCamera *camera, double value, GError **error);
+    double (*get)(ArvCamera *camera, GError **error);
+};
+
+static const struct number exposure_time = {
+    "ExposureTime", arv_camera_is_exposure_time_available, arv_camera_set_exposure_time,
+    arv_camera_get_exposure_time};
+static const struct number gain = {"Gain", arv_camera_is_gain_available, arv_camera_set_gain,
+                                   arv_camera_get_gain};
+static const struct number black_level = {"BlackLevel", arv_camera_is_black_level_available,
+                                          arv_camera_set_black_level, arv_camera_get_black_level};
+
+static enum ls_err settle_number(struct pass *p, const char *feature, double asked, double got,
+                                 GError *written, GError *read)
+{
+    char asked_text[32], got_text[32];
+    snprintf(asked_text, sizeof asked_text, "%g", asked);
+    snprintf(got_text, sizeof got_text, "%g", got);
+    bool same = fabs(got - asked) <= 0.01 * fabs(asked) + 0.05;
+    return settle(p, feature, same, asked_text, got_text, written, read);
+}
+
+static enum ls_err set_number(struct pass *p, const struct number *number, double asked,
+                              double *got)
 {
     GError *written = NULL, *read = NULL;
-    char asked_text[32], got_text[32];
-    arv_device_set_float_feature_value(p->device, feature, asked, &written);
-    *got = arv_device_get_float_feature_value(p->device, feature, &read);
-    snprintf(asked_text, sizeof asked_text, "%g", asked);
-    snprintf(got_text, sizeof got_text, "%g", *got);
-    bool same = fabs(*got - asked) <= 0.01 * fabs(asked) + 0.05;
-    return settle(p, feature, same, asked_text, got_text, written, read);
+    if (!number->available(p->camera, NULL)) {
+        note_unverified(p, number->name);
+        return LS_OK;
+    }
+    number->set(p->camera, asked, &written);
+    *got = number->get(p->camera, &read);
+    return settle_number(p, number->name, asked, *got, written, read);
+}
+
+static enum ls_err set_gamma(struct pass *p)
+{
+    GError *written = NULL, *read = NULL;
+    arv_device_set_float_feature_value(p->device, "Gamma", 1, &written);
+    double got = arv_device_get_float_feature_value(p->device, "Gamma", &read);
+    return settle_number(p, "Gamma", 1, got, written, read);
 }
 
 static enum ls_err refuse_rolling(struct pass *p)
@@ -153,7 +188,6 @@ static enum ls_err set_linear(struct pass *p)
                                         "BalanceWhiteAuto"};
     static const char *const curves[] = {"GammaEnable", "LUTEnable"};
     enum ls_err err = LS_OK;
-    double got;
     for (size_t i = 0; !err && i < sizeof autos / sizeof *autos; i++) {
         if (available(p, autos[i]))
             err = set_text(p, autos[i], "Off");
@@ -164,7 +198,7 @@ static enum ls_err set_linear(struct pass *p)
         if (available(p, curves[i]))
             err = set_boolean(p, curves[i], false);
     if (!err && available(p, "Gamma"))
-        err = set_number(p, "Gamma", 1, &got);
+        err = set_gamma(p);
     else if (!err && !available(p, "GammaEnable"))
         note_unverified(p, "Gamma");
     if (!err && !available(p, "LUTEnable"))
@@ -197,28 +231,30 @@ static enum ls_err set_region(struct pass *p, const struct ls_camera_config *con
     return err;
 }
 
-static enum ls_err set_analog(struct pass *p, const struct ls_camera_config *config)
+static enum ls_err check_black_level(struct pass *p)
 {
-    enum ls_err err = LS_OK;
     GError *error = NULL;
-    if (!available(p, "Gain"))
-        note_unverified(p, "Gain");
-    else
-        err = set_number(p, "Gain", config->gain, &p->info->gain);
-    if (err)
-        return err;
-    if (!available(p, "BlackLevel")) {
-        note_unverified(p, "BlackLevel");
+    if (!black_level.available(p->camera, NULL)) {
+        note_unverified(p, black_level.name);
         return LS_OK;
     }
-    if (config->black_level > 0)
-        return set_number(p, "BlackLevel", config->black_level, &p->info->black_level);
-    p->info->black_level = arv_device_get_float_feature_value(p->device, "BlackLevel", &error);
+    p->info->black_level = black_level.get(p->camera, &error);
     if (error)
-        return ls_aravis_fail(p->diag, p->address, "BlackLevel", error);
+        return ls_aravis_fail(p->diag, p->address, black_level.name, error);
     if (p->info->black_level > 0)
         return LS_OK;
-    return mismatch(p, "BlackLevel", "a value above 0, or noise below black is cut off", "0", NULL);
+    return mismatch(p, black_level.name, "a value above 0, or noise below black is cut off", "0",
+                    NULL);
+}
+
+static enum ls_err set_analog(struct pass *p, const struct ls_camera_config *config)
+{
+    enum ls_err err = set_number(p, &gain, config->gain, &p->info->gain);
+    if (err)
+        return err;
+    if (config->black_level > 0)
+        return set_number(p, &black_level, config->black_level, &p->info->black_level);
+    return check_black_level(p);
 }
 
 static enum ls_err set_exposure_mode(struct pass *p, const struct ls_camera_config *config)
@@ -269,7 +305,7 @@ static enum ls_err set_trigger(struct pass *p, const struct ls_camera_config *co
     if (!err)
         err = expect_text(p, "TriggerActivation", "RisingEdge");
     if (!err && config->exposure == LS_EXPOSURE_TIMED)
-        err = set_number(p, "ExposureTime", config->exposure_us, &p->info->exposure_us);
+        err = set_number(p, &exposure_time, config->exposure_us, &p->info->exposure_us);
     return err;
 }
 
