@@ -18,45 +18,68 @@ static uint32_t reference_colour(const struct sim_scene *scene, uint32_t camera)
     return scene->colours[camera] == 3 ? 1 : 0;
 }
 
-static void scale_cameras(struct sim_scene *scene, const struct ls_spectrum *white)
+/* Sensitivities such that daylight of luminance 1 reads 1 in camera 0's green and the white LED,
+ * scaled to that, reads 1 in every camera's. */
+static enum ls_err scale_cameras(struct sim_scene *scene, struct ls_spectrum *white,
+                                 struct ls_diag *diag)
 {
+    struct ls_spectrum daylight;
+    enum ls_err err = ls_daylight(6503.616, &daylight);
+    if (err)
+        return ls_fail(diag, err, "the daylight of 6504 K cannot be made");
+    struct ls_spectrum luminance = ls_cie_1931[1];
+    double y = ls_spectrum_dot(&daylight, &luminance) / ls_spectrum_integral(&luminance);
     for (uint32_t i = 0; i < scene->config.n_cameras; i++) {
         int mono = scene->view[i].cfa == LS_CFA_NONE;
         scene->colours[i] = mono ? 1 : 3;
         for (uint32_t c = 0; c < scene->colours[i]; c++)
             scene->camera[i][c] = scene->library.camera[mono ? 3 : c];
-        double p = ls_spectrum_dot(white, &scene->camera[i][reference_colour(scene, i)]);
+        const struct ls_spectrum *reference = &scene->camera[i][reference_colour(scene, i)];
+        double p = i ? ls_spectrum_dot(white, reference)
+                     : ls_spectrum_dot(&daylight, reference) / y;
         for (uint32_t c = 0; c < scene->colours[i]; c++)
             scale(&scene->camera[i][c], 1 / p);
+        if (i == 0)
+            scale(white, 1 / ls_spectrum_dot(white, reference));
     }
+    return LS_OK;
+}
+
+static void filter_source(struct sim_scene *scene, struct sim_source *source,
+                          const struct ls_spectrum *reference)
+{
+    double before = ls_spectrum_dot(&source->spectrum, reference);
+    for (int i = 0; i < LS_SPECTRUM_N; i++)
+        source->spectrum.v[i] *= scene->library.polariser.v[i];
+    double after = ls_spectrum_dot(&source->spectrum, reference);
+    scene->polariser_gain = after / before;
+    scale(&source->spectrum, before / after);
 }
 
 static void scale_source(struct sim_scene *scene, uint32_t channel, const struct ls_spectrum *white)
 {
     struct sim_source *source = &scene->source[channel];
     const struct ls_spectrum *reference = &scene->camera[0][reference_colour(scene, 0)];
-    if (source->kind != SIM_CHANNEL_SPECTRUM) {
-        for (int i = 0; i < LS_SPECTRUM_N; i++)
-            source->spectrum.v[i] *= scene->library.polariser.v[i];
-        double p = ls_spectrum_dot(&source->spectrum, reference);
-        scene->polariser_gain = p / ls_spectrum_dot(white, reference);
-        scale(&source->spectrum, 1 / p);
-        return;
-    }
-    if (!strcmp(scene->config.channels[channel].spectrum, "white"))
-        return;
     double best = 0;
     for (uint32_t c = 0; c < scene->colours[0]; c++)
         best = fmax(best, ls_spectrum_dot(&source->spectrum, &scene->camera[0][c]));
-    scale(&source->spectrum, brightest_colour / best);
+    if (!strcmp(scene->config.channels[channel].spectrum, "white"))
+        source->spectrum = *white;
+    else
+        scale(&source->spectrum, brightest_colour / best);
+    if (source->kind != SIM_CHANNEL_SPECTRUM)
+        filter_source(scene, source, reference);
 }
 
 static enum ls_err build_sources(struct sim_scene *scene, struct ls_diag *diag)
 {
-    const struct ls_spectrum *white = ls_spectra_find(scene->library.leds, "white");
-    if (!white)
+    const struct ls_spectrum *found = ls_spectra_find(scene->library.leds, "white");
+    if (!found)
         return ls_fail(diag, LS_ERR_INVALID, "leds.csv: has no column \"white\"");
-    scale_cameras(scene, white);
+    struct ls_spectrum white = *found;
+    enum ls_err err = scale_cameras(scene, &white, diag);
+    if (err)
+        return err;
     for (uint32_t s = 0; s < scene->config.n_channels; s++) {
         const struct sim_channel_config *channel = &scene->config.channels[s];
         const struct ls_spectrum *led = ls_spectra_find(scene->library.leds, channel->spectrum);
@@ -64,7 +87,7 @@ static enum ls_err build_sources(struct sim_scene *scene, struct ls_diag *diag)
             return ls_fail(diag, LS_ERR_INVALID, "channel %s: leds.csv has no column \"%s\"",
                            channel->name, channel->spectrum);
         scene->source[s] = (struct sim_source){channel->kind, *led};
-        scale_source(scene, s, white);
+        scale_source(scene, s, &white);
     }
     return LS_OK;
 }

@@ -1,0 +1,373 @@
+#include "sim/truth.h"
+
+#include "sim/world.h"
+
+#include <stdatomic.h>
+#include <stdlib.h>
+#include <string.h>
+
+enum part {
+    PART_DIFFUSE = 1, /* direct */
+    PART_SPECULAR = 2,
+    PART_BOUNCED = 4,
+    PART_ALL = 7,
+};
+
+/* Sums over lights and sources: out[picture][y][x][colour] += weight x radiance. */
+struct sums {
+    const struct sim_scene *scene;
+    const struct sim_region *region;
+    const struct sim_response *response;
+    const float *weights; /* [picture][source][light] */
+    uint32_t n_pictures;
+    unsigned parts;
+    float *out;
+    float *nodes; /* [picture][node * colours] */
+    uint32_t tiles_x, n_tiles;
+    _Atomic uint32_t next_tile;
+    _Atomic int failed;
+};
+
+uint32_t sim_truth_colours(const struct sim_scene *scene, uint32_t camera)
+{
+    return scene->colours[camera];
+}
+
+static enum ls_err check(const struct sim_scene *scene, const struct sim_region *r,
+                         struct ls_diag *diag)
+{
+    if (scene->kind == SIM_WORLD_STAMP)
+        return ls_fail(diag, LS_ERR_UNSUPPORTED, "the stamp scene has no truth but its stamps");
+    if (r->camera >= scene->config.n_cameras)
+        return ls_fail(diag, LS_ERR_INVALID, "camera %u: the scene has %u", r->camera,
+                       scene->config.n_cameras);
+    const struct sim_view *view = &scene->view[r->camera];
+    if (!r->width || !r->height || r->width > view->width || r->height > view->height ||
+        r->x > view->width - r->width || r->y > view->height - r->height)
+        return ls_fail(diag, LS_ERR_INVALID,
+                       "region %u x %u at (%u, %u) is not inside the sensor of %u x %u", r->width,
+                       r->height, r->x, r->y, view->width, view->height);
+    return LS_OK;
+}
+
+static float weight_of(const struct sums *s, uint32_t picture, uint32_t source, uint32_t light)
+{
+    size_t row = (size_t)picture * s->response->n_sources + source;
+    return s->weights[row * s->scene->geometry.n_lights + light];
+}
+
+static void bounce_sums(struct sums *s)
+{
+    const struct sim_scene *scene = s->scene;
+    size_t size = (size_t)scene->subject.n_nodes * s->response->n_colours;
+    for (uint32_t p = 0; size && p < s->n_pictures; p++)
+        for (uint32_t k = 0; k < s->response->n_sources; k++)
+            for (uint32_t i = 0; i < scene->geometry.n_lights; i++) {
+                float w = weight_of(s, p, k, i);
+                if (w != 0)
+                    sim_bounce_add(&scene->bounce, &scene->subject, s->response, i, k, w,
+                                   s->nodes + p * size);
+            }
+}
+
+struct scratch {
+    struct sim_tile tile;
+    struct sim_terms terms;
+    float a[SIM_MAX_CHANNELS][3][SIM_TILE_PX], b[SIM_MAX_CHANNELS][3][SIM_TILE_PX];
+    float sum[][3][SIM_TILE_PX];
+};
+
+static void add_light(const struct sums *s, struct scratch *t, uint32_t light)
+{
+    int shaded = 0;
+    const struct sim_response *r = s->response;
+    for (uint32_t p = 0; p < s->n_pictures; p++)
+        for (uint32_t k = 0; k < r->n_sources; k++) {
+            float w = weight_of(s, p, k, light);
+            if (w == 0)
+                continue;
+            if (!shaded++) {
+                sim_tile_shade(&s->scene->subject, &s->scene->geometry, &t->tile, light, &t->terms);
+                if (!(s->parts & PART_DIFFUSE))
+                    memset(t->terms.diffuse, 0, sizeof t->terms.diffuse);
+                if (!(s->parts & PART_SPECULAR))
+                    memset(t->terms.specular, 0, sizeof t->terms.specular);
+            }
+            for (uint32_t c = 0; c < r->n_colours; c++)
+                sim_tile_add(&t->terms, r->kind[k], r->diffuse[k], t->a[k][c], t->b[k][c], w,
+                             t->sum[p][c]);
+        }
+}
+
+static void write_tile(const struct sums *s, const struct scratch *t)
+{
+    const struct sim_region *r = s->region;
+    uint32_t colours = s->response->n_colours;
+    for (uint32_t p = 0; p < s->n_pictures; p++)
+        for (uint32_t k = 0; k < t->tile.n; k++) {
+            uint32_t x = t->tile.x - r->x + k % t->tile.width;
+            uint32_t y = t->tile.y - r->y + k / t->tile.width;
+            float *out = s->out + (((size_t)p * r->height + y) * r->width + x) * colours;
+            for (uint32_t c = 0; c < colours; c++)
+                out[c] += t->sum[p][c][k];
+        }
+}
+
+static void sum_tile(const struct sums *s, struct scratch *t, uint32_t index)
+{
+    const struct sim_scene *scene = s->scene;
+    const struct sim_region *r = s->region;
+    const struct sim_view *view = &scene->view[r->camera];
+    uint32_t dx = index % s->tiles_x * SIM_TILE, dy = index / s->tiles_x * SIM_TILE;
+    uint32_t w = r->width - dx < SIM_TILE ? r->width - dx : SIM_TILE;
+    uint32_t h = r->height - dy < SIM_TILE ? r->height - dy : SIM_TILE;
+    sim_tile_prepare(&scene->subject, view, r->x + dx, r->y + dy, w, h, &t->tile);
+    if (!t->tile.n_seen)
+        return;
+    uint32_t colours = s->response->n_colours;
+    for (uint32_t k = 0; k < s->response->n_sources; k++)
+        for (uint32_t c = 0; c < colours; c++)
+            sim_tile_factors(&t->tile, s->response, view->cfa, k, (int)c, t->a[k][c], t->b[k][c]);
+    memset(t->sum, 0, s->n_pictures * sizeof *t->sum);
+    for (uint32_t i = 0; i < scene->geometry.n_lights && s->parts & ~PART_BOUNCED; i++)
+        add_light(s, t, i);
+    size_t nodes = (size_t)scene->subject.n_nodes * colours;
+    for (uint32_t p = 0; nodes && s->parts & PART_BOUNCED && p < s->n_pictures; p++)
+        for (uint32_t c = 0; c < colours; c++)
+            sim_tile_bounce(&t->tile, s->nodes + p * nodes, colours, view->cfa, (int)c,
+                            t->sum[p][c]);
+    write_tile(s, t);
+}
+
+static void *take_tiles(void *arg)
+{
+    struct sums *s = arg;
+    LS_CLEANUP_FREE struct scratch *t = malloc(sizeof *t + s->n_pictures * sizeof *t->sum);
+    uint32_t tile;
+    if (!t)
+        s->failed = 1;
+    while (t && (tile = s->next_tile++) < s->n_tiles)
+        sum_tile(s, t, tile);
+    return NULL;
+}
+
+static enum ls_err replay_sums(const struct sums *s)
+{
+    const struct sim_region *r = s->region;
+    const struct sim_view *view = &s->scene->view[0];
+    size_t pixels = (size_t)view->width * view->height;
+    for (uint32_t p = 0; p < s->n_pictures; p++)
+        for (uint32_t i = 0; i < s->scene->geometry.n_lights; i++) {
+            float w = weight_of(s, p, 0, i);
+            for (uint32_t y = 0; w != 0 && y < r->height; y++)
+                for (uint32_t x = 0; x < r->width; x++)
+                    s->out[((size_t)p * r->height + y) * r->width + x] +=
+                        w * s->scene->replay[i * pixels + (r->y + y) * view->width + r->x + x];
+        }
+    return LS_OK;
+}
+
+static enum ls_err traced_sums(struct sums *s)
+{
+    size_t nodes = (size_t)s->n_pictures * s->scene->subject.n_nodes * s->response->n_colours;
+    LS_CLEANUP_FREE float *at_nodes = calloc(nodes + 1, sizeof *at_nodes);
+    if (!at_nodes)
+        return LS_ERR_NOMEM;
+    s->nodes = at_nodes;
+    if (s->parts & PART_BOUNCED)
+        bounce_sums(s);
+    s->tiles_x = (s->region->width + SIM_TILE - 1) / SIM_TILE;
+    s->n_tiles = s->tiles_x * ((s->region->height + SIM_TILE - 1) / SIM_TILE);
+    pthread_t helper;
+    int helped = s->scene->config.threads > 1 && s->n_tiles > 8 &&
+                 !pthread_create(&helper, NULL, take_tiles, s);
+    take_tiles(s);
+    if (helped)
+        pthread_join(helper, NULL);
+    return s->failed ? LS_ERR_NOMEM : LS_OK;
+}
+
+static enum ls_err sum_up(struct sums *s, struct ls_diag *diag)
+{
+    enum ls_err err = s->scene->kind == SIM_WORLD_REPLAY ? replay_sums(s) : traced_sums(s);
+    return err ? ls_fail(diag, err, "out of memory for the truth of %u pictures", s->n_pictures)
+               : LS_OK;
+}
+
+static size_t region_values(const struct sim_scene *scene, const struct sim_region *r)
+{
+    return (size_t)r->width * r->height * scene->colours[r->camera];
+}
+
+static enum ls_err relight(const struct sim_scene *scene, const struct sim_region *region,
+                           const float *weights, uint32_t n_pictures, unsigned parts, float *out,
+                           struct ls_diag *diag)
+{
+    enum ls_err err = check(scene, region, diag);
+    if (err)
+        return err;
+    memset(out, 0, n_pictures * region_values(scene, region) * sizeof *out);
+    struct sums s = {.scene = scene,
+                     .region = region,
+                     .response = &scene->response[region->camera],
+                     .weights = weights,
+                     .n_pictures = n_pictures,
+                     .parts = parts,
+                     .out = out};
+    return sum_up(&s, diag);
+}
+
+enum ls_err sim_truth_relight(const struct sim_scene *scene, const struct sim_region *region,
+                              const float *weights, uint32_t n_pictures, float *out,
+                              struct ls_diag *diag)
+{
+    return relight(scene, region, weights, n_pictures, PART_ALL, out, diag);
+}
+
+static float *new_weights(const struct sim_scene *scene, uint32_t n_pictures)
+{
+    return calloc((size_t)n_pictures * scene->config.n_channels * scene->geometry.n_lights,
+                  sizeof(float));
+}
+
+enum ls_err sim_truth_field(const struct sim_scene *scene, const struct sim_region *region,
+                            uint32_t light, float *out, struct ls_diag *diag)
+{
+    uint32_t n = scene->config.n_channels, lights = scene->geometry.n_lights;
+    if (light >= lights)
+        return ls_fail(diag, LS_ERR_INVALID, "light %u: the rig has %u", light, lights);
+    LS_CLEANUP_FREE float *weights = new_weights(scene, n);
+    if (!weights)
+        return ls_fail(diag, LS_ERR_NOMEM, "out of memory for weights");
+    for (uint32_t s = 0; s < n; s++)
+        weights[((size_t)s * n + s) * lights + light] = 1;
+    return relight(scene, region, weights, n, PART_ALL, out, diag);
+}
+
+/* ---- environments ---- */
+
+static void integrate_lobes(const struct sim_geometry *g, const struct ls_lobe *lobes, uint32_t n,
+                            uint32_t n_directions, float *weights)
+{
+    for (uint32_t k = 0; k < n_directions; k++) {
+        float d[3];
+        sim_geometry_fibonacci(k, n_directions, d);
+        uint32_t light = sim_geometry_nearest(g, d);
+        for (uint32_t lobe = 0; lobe < n; lobe++)
+            weights[(size_t)lobe * g->n_lights + light] += (float)(
+                ls_lobe_radiance(&lobes[lobe], (const double[3]){d[0], d[1], d[2]}) * 4 * M_PI /
+                n_directions);
+    }
+}
+
+/* At most SIM_MAX_CHANNELS lobes, added to out. */
+static enum ls_err add_lobes(const struct sim_scene *scene, const struct sim_region *region,
+                             const struct ls_lobe *lobes, uint32_t n, uint32_t n_directions,
+                             float *out, struct ls_diag *diag)
+{
+    struct sim_source sources[SIM_MAX_CHANNELS];
+    struct sim_response response;
+    for (uint32_t i = 0; i < n; i++)
+        sources[i] = (struct sim_source){SIM_CHANNEL_SPECTRUM, lobes[i].spectrum};
+    LS_CLEANUP_FREE float *weights = calloc((size_t)n * scene->geometry.n_lights, sizeof *weights);
+    if (!weights)
+        return ls_fail(diag, LS_ERR_NOMEM, "out of memory for weights");
+    enum ls_err err = sim_response_build(&scene->library, &scene->subject, sources, n,
+                                         scene->camera[region->camera],
+                                         scene->colours[region->camera], &response, diag);
+    if (err)
+        return err;
+    integrate_lobes(&scene->geometry, lobes, n, n_directions, weights);
+    struct sums s = {.scene = scene,
+                     .region = region,
+                     .response = &response,
+                     .weights = weights,
+                     .n_pictures = 1,
+                     .parts = PART_ALL,
+                     .out = out};
+    err = sum_up(&s, diag);
+    sim_response_finish(&response);
+    return err;
+}
+
+enum ls_err sim_truth_environment(const struct sim_scene *scene, const struct sim_region *region,
+                                  const struct ls_lobes *lobes, uint32_t n_directions, float *out,
+                                  struct ls_diag *diag)
+{
+    enum ls_err err = check(scene, region, diag);
+    if (err)
+        return err;
+    if (scene->kind == SIM_WORLD_REPLAY)
+        return ls_fail(diag, LS_ERR_UNSUPPORTED, "a replayed folder has no spectral truth");
+    memset(out, 0, region_values(scene, region) * sizeof *out);
+    for (size_t i = 0; i < lobes->n && !err; i += SIM_MAX_CHANNELS) {
+        size_t n = lobes->n - i < SIM_MAX_CHANNELS ? lobes->n - i : SIM_MAX_CHANNELS;
+        err = add_lobes(scene, region, lobes->item + i, (uint32_t)n, n_directions, out, diag);
+    }
+    return err;
+}
+
+/* ---- shares ---- */
+
+/* share[pixel] = part / total; @colour, or the largest over colours if negative. */
+static enum ls_err share(const struct sim_scene *scene, const struct sim_region *region,
+                         const float *weights, unsigned part, int colour, float *out,
+                         struct ls_diag *diag)
+{
+    enum ls_err err = check(scene, region, diag);
+    if (err)
+        return err;
+    size_t n = region_values(scene, region);
+    uint32_t colours = scene->colours[region->camera];
+    LS_CLEANUP_FREE float *some = malloc(n * sizeof *some);
+    LS_CLEANUP_FREE float *all = malloc(n * sizeof *all);
+    if (!some || !all)
+        return ls_fail(diag, LS_ERR_NOMEM, "out of memory for a mask");
+    if ((err = relight(scene, region, weights, 1, part, some, diag)) ||
+        (err = relight(scene, region, weights, 1, PART_ALL, all, diag)))
+        return err;
+    for (size_t i = 0; i < n / colours; i++) {
+        out[i] = 0;
+        for (uint32_t c = 0; c < colours; c++) {
+            size_t at = i * colours + c;
+            if (all[at] > 0 && (colour < 0 || (uint32_t)colour == c))
+                out[i] = fmaxf(out[i], some[at] / all[at]);
+        }
+    }
+    return LS_OK;
+}
+
+static int reference(const struct sim_scene *scene, const struct sim_region *region)
+{
+    return scene->colours[region->camera < SIM_MAX_CAMERAS ? region->camera : 0] == 3 ? 1 : 0;
+}
+
+enum ls_err sim_truth_bounced(const struct sim_scene *scene, const struct sim_region *region,
+                              float *bounced, struct ls_diag *diag)
+{
+    LS_CLEANUP_FREE float *weights = new_weights(scene, 1);
+    if (!weights)
+        return ls_fail(diag, LS_ERR_NOMEM, "out of memory for weights");
+    for (uint32_t i = 0; i < scene->geometry.n_lights; i++)
+        weights[i] = 1;
+    return share(scene, region, weights, PART_BOUNCED, reference(scene, region), bounced, diag);
+}
+
+enum ls_err sim_truth_specular(const struct sim_scene *scene, const struct sim_region *region,
+                               uint32_t light, float *specular, struct ls_diag *diag)
+{
+    if (light >= scene->geometry.n_lights)
+        return ls_fail(diag, LS_ERR_INVALID, "light %u: the rig has %u", light,
+                       scene->geometry.n_lights);
+    LS_CLEANUP_FREE float *weights = new_weights(scene, 1);
+    if (!weights)
+        return ls_fail(diag, LS_ERR_NOMEM, "out of memory for weights");
+    weights[light] = 1;
+    return share(scene, region, weights, PART_SPECULAR, reference(scene, region), specular, diag);
+}
+
+enum ls_err sim_truth_specular_relit(const struct sim_scene *scene, const struct sim_region *region,
+                                     const float *weights, float *specular, struct ls_diag *diag)
+{
+    return share(scene, region, weights, PART_SPECULAR, -1, specular, diag);
+}
