@@ -1,4 +1,5 @@
 #include "core/exr.h"
+#include "core/half.h"
 
 #include <OpenEXR/openexr.h>
 #include <limits.h>
@@ -50,25 +51,6 @@ static void on_error(exr_const_context_t context, exr_result_t code, const char 
     strncpy(sink->message, message, sizeof sink->message - 1);
 }
 
-static uint16_t half_from_float(float value)
-{
-    union {
-        float f;
-        uint32_t u;
-    } x = {.f = value}, denormal;
-    uint16_t sign = x.u >> 16 & 0x8000;
-    x.u &= 0x7fffffff;
-    if (x.u > 0x7f800000)
-        return sign | 0x7e00;
-    if (x.u >= 0x477ff000) /* 65520 and up round past 65504 */
-        return sign | 0x7c00;
-    if (x.u < 0x38800000) { /* below 2^-14: the adder rounds to a multiple of 2^-24 */
-        denormal.f = x.f + 0.5f;
-        return sign | (uint16_t)(denormal.u - 0x3f000000);
-    }
-    return sign | (uint16_t)((x.u + 0xc8000fff + (x.u >> 13 & 1)) >> 13);
-}
-
 static size_t sample_bytes(enum ls_exr_type type)
 {
     return type == LS_EXR_HALF ? 2 : 4;
@@ -100,7 +82,7 @@ static size_t pack_row(const struct ls_exr_channel *channel, uint32_t x, uint32_
         if (as_is) {
             memcpy(out + k * bytes, at, bytes);
         } else if (channel->type == LS_EXR_HALF) {
-            uint16_t half = half_from_float(source_value(channel, at));
+            uint16_t half = ls_half_from_float(source_value(channel, at));
             memcpy(out + 2 * k, &half, 2);
         } else {
             float value = source_value(channel, at);

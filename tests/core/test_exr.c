@@ -79,9 +79,9 @@ static void test_mosaic_round_trip(void)
         g_assert_cmpuint(plane.width, ==, w);
         g_assert_cmpuint(plane.height, ==, h);
         g_assert_cmpmem(plane.samples, (size_t)w * h * 2, half, (size_t)w * h * 2);
+        free(plane.samples);
         g_assert_cmpint(ls_exr_read_plane(bytes, n, "validity", limit, &plane, NULL), ==,
                         LS_ERR_NOT_FOUND);
-        free(plane.samples);
         free(bytes);
         g_free(half);
     }
