@@ -70,7 +70,7 @@ def compiles(arguments):
 
 def check_headers(root, build, cc):
     flags = subprocess.run(["pkg-config", "--cflags", "aravis-0.8", "gio-unix-2.0", "OpenEXR",
-                            "jansson", "libprotobuf-c"], capture_output=True, text=True,
+                            "jansson", "libprotobuf-c", "libmodbus", "libconfig"], capture_output=True, text=True,
                            check=True).stdout.split()
     flags += ["-I", build, "-I", os.path.join(build, "proto")]
     headers = [path for room in MAY_INCLUDE for path in files(root, room, ".h")]
