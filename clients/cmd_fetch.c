@@ -1,0 +1,296 @@
+#include "clients/command.h"
+#include "clients/picture_file.h"
+#include "clients/region_option.h"
+#include "clients/take_document.h"
+#include "core/half.h"
+
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+struct options {
+    const char *channel, *lights, *output;
+    bool promoted, rgb, estimate, half, full_sphere;
+    Lightstage__Region region;
+};
+
+/* The picture being received, and the files written so far. */
+struct fetch {
+    struct ls_command_context *context;
+    const struct options *options;
+    const struct ls_take_document *document;
+    struct ls_image image;
+    json_t *frames;
+    FILE *csv;
+};
+
+static int parse_option(struct options *out, int option)
+{
+    switch (option) {
+    case 1:
+        out->channel = optarg;
+        return LS_EXIT_OK;
+    case 2:
+        out->lights = optarg;
+        return LS_EXIT_OK;
+    case 3:
+        out->output = optarg;
+        return LS_EXIT_OK;
+    case 4:
+        out->promoted = strcmp(optarg, "sphere") == 0;
+        if (!out->promoted && strcmp(optarg, "measured") != 0)
+            return ls_command_wrong("--model %s: expected measured or sphere", optarg);
+        return LS_EXIT_OK;
+    case 5:
+        out->rgb = strcmp(optarg, "rgb") == 0;
+        if (!out->rgb && strcmp(optarg, "mosaic") != 0)
+            return ls_command_wrong("--layout %s: expected mosaic or rgb", optarg);
+        return LS_EXIT_OK;
+    case 6:
+        out->estimate = true;
+        return LS_EXIT_OK;
+    case 7:
+        out->half = true;
+        return LS_EXIT_OK;
+    case 8:
+        out->full_sphere = true;
+        return LS_EXIT_OK;
+    case 9:
+        return ls_region_option(optarg, &out->region)
+                   ? LS_EXIT_OK
+                   : ls_command_wrong("--region %s: expected X,Y,WIDTH,HEIGHT", optarg);
+    default:
+        return LS_EXIT_USAGE;
+    }
+}
+
+static int parse(struct ls_command_context *context, int argc, char **argv, struct options *out)
+{
+    static const struct option options[] = {{"channel", required_argument, NULL, 1},
+                                            {"lights", required_argument, NULL, 2},
+                                            {"output", required_argument, NULL, 3},
+                                            {"model", required_argument, NULL, 4},
+                                            {"layout", required_argument, NULL, 5},
+                                            {"estimate", no_argument, NULL, 6},
+                                            {"half", no_argument, NULL, 7},
+                                            {"full-sphere", no_argument, NULL, 8},
+                                            {"region", required_argument, NULL, 9},
+                                            LS_COMMON_OPTIONS};
+    lightstage__region__init(&out->region);
+    for (int option;
+         (option = ls_command_option(context, &ls_command_fetch, argc, argv, options)) != -1;) {
+        int code = parse_option(out, option);
+        if (code)
+            return code;
+    }
+    if (!ls_command_arguments(&ls_command_fetch, argc, 1))
+        return LS_EXIT_USAGE;
+    if (!out->channel || !out->output)
+        return ls_command_wrong("fetch: --channel NAME and --output PREFIX are needed");
+    return LS_EXIT_OK;
+}
+
+/* ---- one picture ---- */
+
+static void fill_attributes(const struct fetch *fetch, const Lightstage__FetchReply *band,
+                            struct ls_exr_attrs *attrs)
+{
+    const struct options *o = fetch->options;
+    ls_exr_attrs_string(attrs, "lightstage/take", fetch->document->id);
+    ls_exr_attrs_string(attrs, "lightstage/channel", o->channel);
+    ls_exr_attrs_string(attrs, "lightstage/model", o->promoted ? "sphere" : "measured");
+    ls_exr_attrs_string(attrs, "lightstage/units", o->estimate ? "E" : "R");
+    ls_exr_attrs_float(attrs, "lightstage/gain", (float)band->gain_k);
+    ls_exr_attrs_float(attrs, "lightstage/referenceExposure", (float)band->reference_exposure_s);
+    ls_exr_attrs_string(attrs, "lightstage/calibration", band->calibrated ? "given" : "none");
+    ls_exr_attrs_int(attrs, "lightstage/conventions", 1);
+    if (o->full_sphere)
+        return;
+    ls_exr_attrs_int(attrs, "lightstage/light", (int32_t)band->light);
+    if (band->light < fetch->document->n_lights)
+        ls_exr_attrs_v3f(attrs, "lightstage/direction", fetch->document->direction[band->light]);
+}
+
+static enum ls_err record(struct fetch *fetch, const char *path,
+                          const Lightstage__FetchReply *band, struct ls_diag *diag)
+{
+    const struct ls_take_document *d = fetch->document;
+    if (fetch->options->full_sphere || band->light >= d->n_lights) {
+        json_array_append_new(fetch->frames, json_pack("{ss}", "file", path));
+        return LS_OK;
+    }
+    const float *v = d->direction[band->light];
+    double omega = d->omega_sr[band->light];
+    json_array_append_new(fetch->frames,
+                          json_pack("{ss sI s[fff] sf sf}", "file", path, "light",
+                                    (json_int_t)band->light, "direction", (double)v[0],
+                                    (double)v[1], (double)v[2], "solid_angle_sr", omega, "weight",
+                                    band->gain_k));
+    if (fprintf(fetch->csv, "%s,%u,%.9g,%.9g,%.9g,%.9g,%.9g\n", path, band->light, (double)v[0],
+                (double)v[1], (double)v[2], omega, band->gain_k) < 0)
+        return ls_fail(diag, LS_ERR_INVALID, "%s.csv: cannot be written", fetch->options->output);
+    return LS_OK;
+}
+
+static enum ls_err write_picture(struct fetch *fetch, const Lightstage__FetchReply *band,
+                                 struct ls_diag *diag)
+{
+    char path[4096];
+    const struct options *o = fetch->options;
+    struct ls_exr_attrs attrs = {0};
+    const struct ls_picture_place place = {(int32_t)o->region.x, (int32_t)o->region.y,
+                                           fetch->document->width, fetch->document->height};
+    int n = o->full_sphere ? snprintf(path, sizeof path, "%s.exr", o->output)
+                           : snprintf(path, sizeof path, "%s.%04u.exr", o->output, band->light + 1);
+    if (n >= (int)sizeof path)
+        return ls_fail(diag, LS_ERR_INVALID, "--output: the path is too long");
+    fill_attributes(fetch, band, &attrs);
+    enum ls_err err = ls_picture_file_exr(path, &fetch->image, o->half ? LS_EXR_HALF : LS_EXR_FLOAT,
+                                          &place, &attrs, diag);
+    ls_exr_attrs_finish(&attrs);
+    ls_image_finish(&fetch->image);
+    return err ? err : record(fetch, path, band, diag);
+}
+
+static enum ls_err take_band(struct fetch *fetch, const struct ls_reply *reply,
+                             struct ls_diag *diag)
+{
+    const Lightstage__FetchReply *band = (const Lightstage__FetchReply *)reply->message;
+    size_t values = (size_t)band->n_rows * band->width * band->components;
+    bool half = band->sample == LIGHTSTAGE__SAMPLE__HALF;
+    enum ls_err err = LS_OK;
+    if (!fetch->image.pixels)
+        err = ls_image_init(&fetch->image, band->width, band->height, band->components,
+                            (size_t)4 << 30, diag);
+    if (err)
+        return err;
+    if (band->width != fetch->image.width || band->components != fetch->image.n_channels ||
+        band->first_row > fetch->image.height ||
+        band->n_rows > fetch->image.height - band->first_row ||
+        reply->payload_bytes != values * (half ? 2 : 4))
+        return ls_fail(diag, LS_ERR_INVALID, "the daemon sent rows that do not fit the picture");
+    float *to = fetch->image.pixels +
+                (size_t)band->first_row * fetch->image.width * fetch->image.n_channels;
+    uint16_t *halfs = half ? malloc(reply->payload_bytes + 1) : NULL;
+    if (half && !halfs)
+        return ls_fail(diag, LS_ERR_NOMEM, "out of memory");
+    memcpy(half ? (void *)halfs : (void *)to, reply->payload, reply->payload_bytes);
+    if (half)
+        ls_half_to_floats(halfs, to, values);
+    free(halfs);
+    return band->first_row + band->n_rows == band->height ? write_picture(fetch, band, diag)
+                                                          : LS_OK;
+}
+
+/* ---- the command ---- */
+
+static enum ls_err receive(struct fetch *fetch, uint32_t request)
+{
+    struct ls_diag *diag = &fetch->context->diag;
+    for (bool last = false; !last;) {
+        struct ls_reply reply;
+        enum ls_err err = ls_connection_receive(fetch->context->connection, request, &reply, diag);
+        if (!err && reply.type != (LS_MESSAGE_FETCH | LS_MESSAGE_REPLY))
+            err = ls_fail(diag, LS_ERR_INVALID, "the daemon answered with another message");
+        if (!err)
+            err = take_band(fetch, &reply, diag);
+        last = reply.last;
+        ls_reply_finish(&reply);
+        if (err)
+            return err;
+    }
+    return LS_OK;
+}
+
+static enum ls_err send_request(struct fetch *fetch, uint32_t *request)
+{
+    const struct options *o = fetch->options;
+    Lightstage__Fetch body = LIGHTSTAGE__FETCH__INIT;
+    Lightstage__Region region = o->region;
+    struct ls_diag *diag = &fetch->context->diag;
+    uint32_t *lights = NULL;
+    size_t n = 0;
+    if (o->lights && !ls_lights_option(o->lights, fetch->document->n_lights, &lights, &n))
+        return ls_fail(diag, LS_ERR_INVALID,
+                       "--lights %s: expected numbers and ranges from 0 to %u, e.g. 0,5,7-9",
+                       o->lights, fetch->document->n_lights - 1);
+    body.take = (char *)fetch->document->id;
+    body.channel = (char *)o->channel;
+    body.lights = lights;
+    body.n_lights = n;
+    body.region = &region;
+    body.model = o->promoted ? LIGHTSTAGE__MODEL__SPHERE : LIGHTSTAGE__MODEL__MEASURED;
+    body.layout = o->rgb ? LIGHTSTAGE__LAYOUT__RGB : LIGHTSTAGE__LAYOUT__MOSAIC;
+    body.quantity =
+        o->estimate ? LIGHTSTAGE__QUANTITY__ESTIMATE : LIGHTSTAGE__QUANTITY__REFLECTANCE;
+    body.sample = o->half ? LIGHTSTAGE__SAMPLE__HALF : LIGHTSTAGE__SAMPLE__FLOAT;
+    body.full_sphere = o->full_sphere;
+    enum ls_err err = ls_connection_send(fetch->context->connection, LS_MESSAGE_FETCH, &body.base,
+                                         NULL, 0, request, diag);
+    free(lights);
+    return err;
+}
+
+static enum ls_err write_sidecar(const struct fetch *fetch, const json_t *document)
+{
+    char path[4096];
+    char *text = json_dumps(document, JSON_INDENT(1) | JSON_REAL_PRECISION(9));
+    if (!text)
+        return ls_fail(&fetch->context->diag, LS_ERR_NOMEM, "out of memory");
+    snprintf(path, sizeof path, "%s.json", fetch->options->output);
+    enum ls_err err = ls_command_write_file(path, text, strlen(text), &fetch->context->diag);
+    free(text);
+    return err;
+}
+
+static int fetch_pictures(struct fetch *fetch)
+{
+    char path[4096];
+    uint32_t request = 0;
+    snprintf(path, sizeof path, "%s.csv", fetch->options->output);
+    fetch->csv = fopen(path, "we");
+    if (!fetch->csv)
+        return ls_command_wrong("%s: cannot be written", path);
+    fputs("file,light,x,y,z,solid_angle_sr,weight\n", fetch->csv);
+    fetch->frames = json_array();
+    enum ls_err err = send_request(fetch, &request);
+    if (!err)
+        err = receive(fetch, request);
+    if (fclose(fetch->csv) && !err)
+        err = ls_fail(&fetch->context->diag, LS_ERR_INVALID, "%s: cannot be written", path);
+    json_t *document = json_pack("{ss ss sO}", "take", fetch->document->id, "channel",
+                                 fetch->options->channel, "frames", fetch->frames);
+    if (!err)
+        err = write_sidecar(fetch, document);
+    if (!err && fetch->context->json)
+        ls_command_print_json(json_incref(document));
+    else if (!err)
+        printf("%zu pictures\n", json_array_size(fetch->frames));
+    json_decref(document);
+    json_decref(fetch->frames);
+    ls_image_finish(&fetch->image);
+    return err ? ls_command_failed(fetch->context, err) : LS_EXIT_OK;
+}
+
+static int run(struct ls_command_context *context, int argc, char **argv)
+{
+    struct options options = {0};
+    struct ls_take_document *document = NULL;
+    int code = parse(context, argc, argv, &options);
+    if (code)
+        return code;
+    code = ls_take_document_get(context, argv[optind], &document);
+    if (code)
+        return code;
+    struct fetch fetch = {.context = context, .options = &options, .document = document};
+    code = fetch_pictures(&fetch);
+    ls_take_document_destroy(document);
+    return code;
+}
+
+const struct ls_command ls_command_fetch = {
+    "fetch", "Pictures of the field as OpenEXR, with a JSON and a CSV list beside them",
+    "TAKE --channel NAME --output PREFIX [--lights 0,5,7-9] [--full-sphere]\n"
+    "         [--model measured|sphere] [--layout mosaic|rgb] [--estimate] [--half]\n"
+    "         [--region X,Y,WIDTH,HEIGHT] [--json]",
+    run};

@@ -1,0 +1,63 @@
+#include "clients/command.h"
+
+#include <inttypes.h>
+#include <stdio.h>
+#include <stdlib.h>
+
+enum { PLAN_BYTES = 1024 * 1024 };
+
+static void print_json(const Lightstage__PreflightReply *p)
+{
+    ls_command_print_json(json_pack(
+        "{sI sI sI sf sI sI sf ss}", "conditions", (json_int_t)p->conditions, "steps",
+        (json_int_t)p->steps, "shots", (json_int_t)p->shots, "seconds", p->seconds, "bytes",
+        (json_int_t)p->bytes, "disk_free_bytes", (json_int_t)p->disk_free_bytes,
+        "dark_noise_share", p->dark_noise_share, "warnings", p->warnings));
+}
+
+static void print_text(const Lightstage__PreflightReply *p)
+{
+    printf("conditions  %u\nshots       %u\nduration    %.0f s\ndisk        %.2f GB of %.1f GB "
+           "free\ndark noise  %.0f %% of a relit picture's\n",
+           p->conditions, p->shots, p->seconds, (double)p->bytes * 1e-9,
+           (double)p->disk_free_bytes * 1e-9, p->dark_noise_share * 100);
+    if (p->warnings[0])
+        printf("warning     %s\n", ls_clean(p->warnings));
+}
+
+static int run(struct ls_command_context *context, int argc, char **argv)
+{
+    enum { PLAN = 1 };
+    static const struct option options[] = {{"plan", required_argument, NULL, PLAN},
+                                            LS_COMMON_OPTIONS};
+    Lightstage__Preflight body = LIGHTSTAGE__PREFLIGHT__INIT;
+    struct ls_reply reply;
+    const char *path = NULL;
+    char *text = NULL;
+    size_t n = 0;
+    int option;
+    while ((option = ls_command_option(context, &ls_command_preflight, argc, argv, options)) ==
+           PLAN)
+        path = optarg;
+    if (option != -1 || !ls_command_arguments(&ls_command_preflight, argc, 0))
+        return LS_EXIT_USAGE;
+    if (!path)
+        return ls_command_wrong("preflight: --plan FILE is needed");
+    enum ls_err err = ls_command_read_file(path, PLAN_BYTES, &text, &n, &context->diag);
+    if (err)
+        return ls_command_failed(context, err);
+    int code = ls_command_call(context, LS_MESSAGE_PREFLIGHT, &body.base, text, n, &reply);
+    free(text);
+    if (code)
+        return code;
+    if (context->json)
+        print_json((const Lightstage__PreflightReply *)reply.message);
+    else
+        print_text((const Lightstage__PreflightReply *)reply.message);
+    ls_reply_finish(&reply);
+    return LS_EXIT_OK;
+}
+
+const struct ls_command ls_command_preflight = {
+    "preflight", "What a plan would cost, and whether the rig allows it", "--plan FILE [--json]",
+    run};

@@ -1,0 +1,330 @@
+#include "clients/command.h"
+#include "clients/environment_file.h"
+#include "clients/light_weights.h"
+#include "clients/picture_file.h"
+#include "clients/region_option.h"
+#include "clients/take_document.h"
+
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+struct options {
+    const char *exr, *png;
+    bool tristimulus, raw;
+    double turn_deg, exposure, max_error;
+    bool exposure_given;
+    enum ls_map_space space;
+    Lightstage__Region region;
+};
+
+/* What came back. */
+struct result {
+    struct ls_image image;
+    uint32_t lights_used, lights_skipped;
+    uint64_t tiles_skipped;
+    double bound, seconds;
+    bool calibrated;
+};
+
+/* ---- command line ---- */
+
+static bool number(const char *text, double *out)
+{
+    char *end = NULL;
+    *out = strtod(text, &end);
+    return end != text && *end == '\0' && isfinite(*out);
+}
+
+/* One option; LS_EXIT_OK or the exit code. */
+static int set(struct options *out, int option)
+{
+    enum { OUTPUT = 1, PNG, SOLVE, ROTATE, RAW, SPACE, REGION, EXPOSURE, MAX_ERROR };
+    switch (option) {
+    case OUTPUT:
+        out->exr = optarg;
+        return LS_EXIT_OK;
+    case PNG:
+        out->png = optarg;
+        return LS_EXIT_OK;
+    case RAW:
+        out->raw = true;
+        return LS_EXIT_OK;
+    case SOLVE:
+        out->tristimulus = strcmp(optarg, "tristimulus") == 0;
+        if (!out->tristimulus && strcmp(optarg, "spectral") != 0)
+            return ls_command_wrong("--solve %s: expected spectral or tristimulus", optarg);
+        return LS_EXIT_OK;
+    case SPACE:
+        out->space = strcmp(optarg, "camera-raw") == 0 ? LS_MAP_CAMERA_RAW : LS_MAP_REC709_LINEAR;
+        if (out->space == LS_MAP_REC709_LINEAR && strcmp(optarg, "rec709-linear") != 0)
+            return ls_command_wrong("--space %s: expected rec709-linear or camera-raw", optarg);
+        return LS_EXIT_OK;
+    case ROTATE:
+        return number(optarg, &out->turn_deg)
+                   ? LS_EXIT_OK
+                   : ls_command_wrong("--rotate %s: expected degrees", optarg);
+    case EXPOSURE:
+        out->exposure_given = true;
+        return number(optarg, &out->exposure) && fabs(out->exposure) <= 60
+                   ? LS_EXIT_OK
+                   : ls_command_wrong("--exposure %s: expected stops, -60 to 60", optarg);
+    case MAX_ERROR:
+        return number(optarg, &out->max_error) && out->max_error >= 0
+                   ? LS_EXIT_OK
+                   : ls_command_wrong("--max-error %s: expected 0 or more", optarg);
+    case REGION:
+        return ls_region_option(optarg, &out->region)
+                   ? LS_EXIT_OK
+                   : ls_command_wrong("--region %s: expected X,Y,WIDTH,HEIGHT", optarg);
+    default:
+        return LS_EXIT_USAGE;
+    }
+}
+
+static int parse(struct ls_command_context *context, int argc, char **argv, struct options *out)
+{
+    static const struct option options[] = {{"output", required_argument, NULL, 1},
+                                            {"png", required_argument, NULL, 2},
+                                            {"solve", required_argument, NULL, 3},
+                                            {"rotate", required_argument, NULL, 4},
+                                            {"raw", no_argument, NULL, 5},
+                                            {"space", required_argument, NULL, 6},
+                                            {"region", required_argument, NULL, 7},
+                                            {"exposure", required_argument, NULL, 8},
+                                            {"max-error", required_argument, NULL, 9},
+                                            LS_COMMON_OPTIONS};
+    lightstage__region__init(&out->region);
+    for (int option;
+         (option = ls_command_option(context, &ls_command_relight, argc, argv, options)) != -1;) {
+        int code = set(out, option);
+        if (code)
+            return code;
+    }
+    if (!ls_command_arguments(&ls_command_relight, argc, 2))
+        return LS_EXIT_USAGE;
+    if (!out->exr && !out->png)
+        return ls_command_wrong("relight: --output FILE.exr or --png FILE.png is needed");
+    return LS_EXIT_OK;
+}
+
+/* ---- asking ---- */
+
+static enum ls_err place_band(struct result *result, const struct ls_reply *reply,
+                              struct ls_diag *diag)
+{
+    const Lightstage__RelightReply *band = (const Lightstage__RelightReply *)reply->message;
+    enum ls_err err = LS_OK;
+    if (!result->image.pixels)
+        err = ls_image_init(&result->image, band->width, band->height, 3, (size_t)4 << 30, diag);
+    if (err)
+        return err;
+    size_t row = (size_t)result->image.width * 3 * sizeof(float);
+    if (band->first_row > result->image.height ||
+        band->n_rows > result->image.height - band->first_row ||
+        reply->payload_bytes != band->n_rows * row)
+        return ls_fail(diag, LS_ERR_INVALID, "the daemon sent rows that do not fit the picture");
+    if (band->n_rows > 0)
+        memcpy(result->image.pixels + (size_t)band->first_row * result->image.width * 3,
+               reply->payload, reply->payload_bytes);
+    result->calibrated = band->calibrated;
+    result->lights_used = band->lights_used;
+    result->lights_skipped = band->lights_skipped;
+    result->tiles_skipped = band->tiles_skipped;
+    result->bound = band->error_bound;
+    result->seconds = band->seconds;
+    return LS_OK;
+}
+
+static enum ls_err receive(struct ls_connection *connection, uint32_t request,
+                           struct result *result, struct ls_diag *diag)
+{
+    for (bool last = false; !last;) {
+        struct ls_reply reply;
+        enum ls_err err = ls_connection_receive(connection, request, &reply, diag);
+        if (!err && reply.type != (LS_MESSAGE_RELIGHT | LS_MESSAGE_REPLY))
+            err = ls_fail(diag, LS_ERR_INVALID, "the daemon answered with another message");
+        if (!err)
+            err = place_band(result, &reply, diag);
+        last = reply.last;
+        ls_reply_finish(&reply);
+        if (err)
+            return err;
+    }
+    return LS_OK;
+}
+
+static int ask(struct ls_command_context *context, const char *take, const struct options *options,
+               struct ls_light_weights *weights, struct result *result)
+{
+    Lightstage__Relight body = LIGHTSTAGE__RELIGHT__INIT;
+    Lightstage__Region region = options->region;
+    uint32_t request = 0;
+    body.take = (char *)take;
+    body.mode = weights->mode;
+    body.n_channels = weights->n_names;
+    body.channels = weights->names;
+    body.n_lights = weights->n_lights;
+    body.region = &region;
+    body.max_error = options->max_error;
+    enum ls_err err = ls_connection_send(
+        context->connection, LS_MESSAGE_RELIGHT, &body.base, weights->rows,
+        (size_t)weights->n_rows * weights->n_lights * sizeof(float), &request, &context->diag);
+    if (!err)
+        err = receive(context->connection, request, result, &context->diag);
+    return err ? ls_command_failed(context, err) : LS_EXIT_OK;
+}
+
+/* ---- writing ---- */
+
+static void apply_m(const struct ls_take_document *document, const struct ls_image *in,
+                    struct ls_image *out)
+{
+    const double(*m)[3] = (const double(*)[3])document->calibration->m;
+    for (size_t i = 0; i < (size_t)in->width * in->height; i++)
+        for (int r = 0; r < 3; r++) {
+            const float *v = in->pixels + 3 * i;
+            out->pixels[3 * i + r] =
+                (float)(m[r][0] * (double)v[0] + m[r][1] * (double)v[1] + m[r][2] * (double)v[2]);
+        }
+}
+
+/* The picture in Rec. 709, if that can be had. *in_rec709 says. */
+static enum ls_err to_rec709(const struct ls_take_document *document,
+                             const struct ls_light_weights *weights, const struct ls_image *raw,
+                             struct ls_image *out, bool *in_rec709, struct ls_diag *diag)
+{
+    enum ls_err err = ls_image_init(out, raw->width, raw->height, 3, SIZE_MAX, diag);
+    bool has_m = document->calibration && document->calibration->has_m && !document->mono;
+    *in_rec709 = has_m || weights->after_m;
+    if (err)
+        return err;
+    if (has_m && !weights->after_m)
+        apply_m(document, raw, out);
+    else
+        memcpy(out->pixels, raw->pixels, (size_t)raw->width * raw->height * 3 * sizeof(float));
+    return LS_OK;
+}
+
+static enum ls_err write_exr(const struct options *options, const struct ls_take_document *document,
+                             const char *environment, const struct ls_image *image, bool rec709,
+                             struct ls_diag *diag)
+{
+    static const float primaries[8] = {0.64f, 0.33f, 0.30f, 0.60f, 0.15f, 0.06f, 0.3127f, 0.3290f};
+    struct ls_exr_attrs attrs = {0};
+    const struct ls_picture_place place = {(int32_t)options->region.x, (int32_t)options->region.y,
+                                           document->width, document->height};
+    const char *file = strrchr(environment, '/');
+    ls_exr_attrs_string(&attrs, "lightstage/take", document->id);
+    ls_exr_attrs_string(&attrs, "lightstage/environment", file ? file + 1 : environment);
+    ls_exr_attrs_string(&attrs, "lightstage/model", options->tristimulus ? "tristimulus" : "sphere");
+    ls_exr_attrs_string(&attrs, "lightstage/units", rec709 ? "rec709-linear" : "camera-raw");
+    ls_exr_attrs_string(&attrs, "lightstage/calibration", document->calibration ? "given" : "none");
+    ls_exr_attrs_float(&attrs, "lightstage/rotation", (float)options->turn_deg);
+    ls_exr_attrs_int(&attrs, "lightstage/conventions", 1);
+    if (rec709)
+        ls_exr_attrs_chromaticities(&attrs, "chromaticities", primaries);
+    enum ls_err err =
+        ls_picture_file_exr(options->exr, image, LS_EXR_FLOAT, &place, &attrs, diag);
+    ls_exr_attrs_finish(&attrs);
+    return err;
+}
+
+static enum ls_err write_pictures(const struct options *options,
+                                  const struct ls_take_document *document,
+                                  const struct ls_light_weights *weights, const char *environment,
+                                  const struct result *result, struct ls_diag *diag)
+{
+    struct ls_image shown = {0};
+    bool rec709 = false;
+    float scale = options->exposure_given ? exp2f((float)options->exposure) : 0;
+    enum ls_err err = to_rec709(document, weights, &result->image, &shown, &rec709, diag);
+    if (!err && !rec709)
+        fputs("lightstagectl: warning: the take has no matrix M: the picture stays in the camera's "
+              "own colours\n", stderr);
+    if (!err && options->exr)
+        err = write_exr(options, document, environment, options->raw ? &result->image : &shown,
+                        rec709 && (!options->raw || weights->after_m), diag);
+    if (!err && options->png)
+        err = ls_picture_file_png(options->png, &shown, scale, NULL, diag);
+    ls_image_finish(&shown);
+    return err;
+}
+
+static void print_result(const struct ls_command_context *context, const struct options *options,
+                         const struct ls_light_weights *weights, const struct result *result)
+{
+    if (weights->warning)
+        fprintf(stderr, "lightstagectl: warning: %s\n", weights->warning);
+    if (weights->unreachable > 0.001)
+        fprintf(stderr,
+                "lightstagectl: warning: %.1f %% of the map's light has colours no light can have; "
+                "the nearest were taken\n", weights->unreachable * 100);
+    if (!context->json) {
+        printf("%u lights used, %u skipped, error bound %.3g, %.2f s\n", result->lights_used,
+               result->lights_skipped, result->bound, result->seconds);
+        return;
+    }
+    ls_command_print_json(json_pack(
+        "{si si sI sf sf sf sf sb ss* ss*}", "lights_used", (int)result->lights_used,
+        "lights_skipped", (int)result->lights_skipped, "tiles_skipped",
+        (json_int_t)result->tiles_skipped, "error_bound", result->bound, "seconds",
+        result->seconds, "solve_residual", weights->worst_residual, "unreachable",
+        weights->unreachable, "calibrated", result->calibrated, "output", options->exr, "png",
+        options->png));
+}
+
+/* ---- the command ---- */
+
+static int relight(struct ls_command_context *context, const struct options *options,
+                   const struct ls_take_document *document, const char *environment_path)
+{
+    struct ls_environment_file environment;
+    struct ls_light_weights weights = {0};
+    struct result result = {0};
+    enum ls_err err =
+        ls_environment_file_read(environment_path, options->space, &environment, &context->diag);
+    if (err)
+        return ls_command_failed(context, LS_ERR_INVALID);
+    err = ls_light_weights_make(document, &environment, options->tristimulus, options->turn_deg,
+                                &weights, &context->diag);
+    ls_environment_file_finish(&environment);
+    if (err)
+        return ls_command_failed(context, err);
+    int code = ask(context, document->id, options, &weights, &result);
+    if (code == LS_EXIT_OK) {
+        err = write_pictures(options, document, &weights, environment_path, &result,
+                             &context->diag);
+        if (err)
+            code = ls_command_failed(context, err);
+        else
+            print_result(context, options, &weights, &result);
+    }
+    ls_image_finish(&result.image);
+    ls_light_weights_finish(&weights);
+    return code;
+}
+
+static int run(struct ls_command_context *context, int argc, char **argv)
+{
+    struct options options = {0};
+    struct ls_take_document *document = NULL;
+    int code = parse(context, argc, argv, &options);
+    if (code)
+        return code;
+    const char *take = argv[optind], *environment = argv[optind + 1];
+    code = ls_take_document_get(context, take, &document);
+    if (code)
+        return code;
+    code = relight(context, &options, document, environment);
+    ls_take_document_destroy(document);
+    return code;
+}
+
+const struct ls_command ls_command_relight = {
+    "relight", "A take under another light: a lat-long .hdr or .exr, or spectral lobes as .json",
+    "TAKE ENVIRONMENT --output FILE.exr [--png FILE.png] [--raw]\n"
+    "         [--solve spectral|tristimulus] [--rotate DEG] [--space rec709-linear|camera-raw]\n"
+    "         [--region X,Y,WIDTH,HEIGHT] [--exposure STOPS] [--max-error E] [--json]",
+    run};

@@ -1,0 +1,129 @@
+#include "clients/command.h"
+#include "clients/take_follow.h"
+#include "clients/take_text.h"
+
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/random.h>
+
+enum { PLAN_BYTES = 1024 * 1024 };
+
+struct options {
+    const char *name, *plan, *take; /* take: of resume */
+    char token[64];
+    bool no_wait;
+};
+
+static bool make_token(char token[64])
+{
+    uint8_t random[12];
+    if (getrandom(random, sizeof random, 0) != sizeof random)
+        return false;
+    for (size_t i = 0; i < sizeof random; i++)
+        snprintf(token + 2 * i, 3, "%02x", random[i]);
+    return true;
+}
+
+/* Common to start and resume; -1 = go on. */
+static int parse(struct ls_command_context *context, const struct ls_command *command, int argc,
+                 char **argv, struct options *out)
+{
+    enum { NAME = 1, PLAN, TOKEN, NO_WAIT };
+    static const struct option options[] = {{"name", required_argument, NULL, NAME},
+                                            {"plan", required_argument, NULL, PLAN},
+                                            {"token", required_argument, NULL, TOKEN},
+                                            {"no-wait", no_argument, NULL, NO_WAIT},
+                                            LS_COMMON_OPTIONS};
+    for (int option; (option = ls_command_option(context, command, argc, argv, options)) != -1;) {
+        if (option == NAME)
+            out->name = optarg;
+        else if (option == PLAN)
+            out->plan = optarg;
+        else if (option == NO_WAIT)
+            out->no_wait = true;
+        else if (option != TOKEN)
+            return LS_EXIT_USAGE;
+        else if (strlen(optarg) < 1 || strlen(optarg) >= sizeof out->token)
+            return ls_command_wrong("--token: expected 1 to 63 characters");
+        else
+            snprintf(out->token, sizeof out->token, "%s", optarg);
+    }
+    if (!out->token[0] && !make_token(out->token))
+        return ls_command_wrong("no random numbers for a token; give one with --token");
+    return -1;
+}
+
+static int print_started(struct ls_command_context *context, const struct ls_reply *reply,
+                         const char *token)
+{
+    const Lightstage__TakeStartReply *started = (const Lightstage__TakeStartReply *)reply->message;
+    const char *id = started->take ? started->take->id : "";
+    if (context->json)
+        ls_command_print_json(json_pack("{ss ss sb}", "token", token, "id", id, "already",
+                                        started->already));
+    else
+        printf("%s%s%s, token %s\n", started->already ? "started before" : "started",
+               id[0] ? ": " : "", id, token);
+    return LS_EXIT_OK;
+}
+
+static int start(struct ls_command_context *context, uint16_t type, const ProtobufCMessage *body,
+                 const char *plan, size_t plan_bytes, const struct options *options)
+{
+    struct ls_reply reply;
+    ls_take_follow_signals();
+    int code = ls_command_call(context, type, body, plan, plan_bytes, &reply);
+    if (code == LS_EXIT_UNREACHABLE && context->connection)
+        fprintf(stderr,
+                "lightstagectl: whether the take has started is not known; the same command with "
+                "--token %s starts it at most once\n", options->token);
+    if (code)
+        return code;
+    if (options->no_wait)
+        code = print_started(context, &reply, options->token);
+    ls_reply_finish(&reply);
+    return options->no_wait ? code : ls_take_follow(context, options->token);
+}
+
+static int run_start(struct ls_command_context *context, int argc, char **argv)
+{
+    struct options options = {.name = "take"};
+    Lightstage__TakeStart body = LIGHTSTAGE__TAKE_START__INIT;
+    char *text = NULL;
+    size_t n = 0;
+    int code = parse(context, &ls_command_take_start, argc, argv, &options);
+    if (code >= 0 || !ls_command_arguments(&ls_command_take_start, argc, 0))
+        return LS_EXIT_USAGE;
+    if (!options.plan)
+        return ls_command_wrong("take start: --plan FILE is needed");
+    enum ls_err err = ls_command_read_file(options.plan, PLAN_BYTES, &text, &n, &context->diag);
+    if (err)
+        return ls_command_failed(context, err);
+    body.name = (char *)options.name;
+    body.token = options.token;
+    code = start(context, LS_MESSAGE_TAKE_START, &body.base, text, n, &options);
+    free(text);
+    return code;
+}
+
+static int run_resume(struct ls_command_context *context, int argc, char **argv)
+{
+    struct options options = {0};
+    Lightstage__TakeResume body = LIGHTSTAGE__TAKE_RESUME__INIT;
+    int code = parse(context, &ls_command_take_resume, argc, argv, &options);
+    if (code >= 0 || !ls_command_arguments(&ls_command_take_resume, argc, 1))
+        return LS_EXIT_USAGE;
+    if (options.plan || options.name)
+        return ls_command_wrong("take resume: the plan and the name are those of the take");
+    body.take = argv[optind];
+    body.token = options.token;
+    return start(context, LS_MESSAGE_TAKE_RESUME, &body.base, NULL, 0, &options);
+}
+
+const struct ls_command ls_command_take_start = {
+    "take start", "Photograph a plan and wait for its end (Ctrl-C aborts)",
+    "--plan FILE [--name NAME] [--token TOKEN] [--no-wait] [--json]", run_start};
+const struct ls_command ls_command_take_resume = {
+    "take resume", "Shoot what a take is missing", "TAKE [--token TOKEN] [--no-wait] [--json]",
+    run_resume};

@@ -1,0 +1,176 @@
+#include "clients/command.h"
+
+#include "proto/errors.h"
+
+#include <errno.h>
+#include <fcntl.h>
+#include <stdarg.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
+static void print_usage(const struct ls_command *command, FILE *out)
+{
+    fprintf(out, "usage: lightstagectl %s %s\n%s.\n", command->name, command->usage,
+            command->summary);
+}
+
+int ls_command_option(struct ls_command_context *context, const struct ls_command *command,
+                      int argc, char **argv, const struct option *options)
+{
+    int option = getopt_long(argc, argv, "", options, NULL);
+    while (option == LS_OPTION_SOCKET || option == LS_OPTION_JSON) {
+        if (option == LS_OPTION_SOCKET)
+            context->socket_path = optarg;
+        else
+            context->json = true;
+        option = getopt_long(argc, argv, "", options, NULL);
+    }
+    if (option == LS_OPTION_HELP) {
+        print_usage(command, stdout);
+        exit(LS_EXIT_OK);
+    }
+    if (option == '?')
+        print_usage(command, stderr);
+    return option;
+}
+
+bool ls_command_arguments(const struct ls_command *command, int argc, int n)
+{
+    if (argc - optind == n)
+        return true;
+    fprintf(stderr, "lightstagectl: %s: %d arguments, expected %d\n", command->name, argc - optind,
+            n);
+    print_usage(command, stderr);
+    return false;
+}
+
+int ls_command_wrong(const char *fmt, ...)
+{
+    va_list args;
+    fputs("lightstagectl: ", stderr);
+    va_start(args, fmt);
+    vfprintf(stderr, fmt, args);
+    va_end(args);
+    fputc('\n', stderr);
+    return LS_EXIT_USAGE;
+}
+
+static int exit_of_number(uint32_t number)
+{
+    static const int of_class[] = {LS_EXIT_REQUEST, LS_EXIT_STATE, LS_EXIT_RIG, LS_EXIT_STORAGE,
+                                   LS_EXIT_INTERNAL};
+    return number >= 100 && number < 600 ? of_class[number / 100 - 1] : LS_EXIT_INTERNAL;
+}
+
+const char *ls_clean(char *text)
+{
+    for (char *p = text; *p; p++)
+        if (((unsigned char)*p < ' ' && *p != '\n') || *p == 0x7f)
+            *p = '?';
+    return text;
+}
+
+int ls_command_failed(struct ls_command_context *context, enum ls_err err)
+{
+    uint32_t number = context->connection ? ls_connection_error(context->connection) : 0;
+    ls_clean(context->diag.text);
+    if (err == LS_ERR_REFUSED && number) {
+        fprintf(stderr, "lightstagectl: %s (%u %s)\n", context->diag.text, number,
+                ls_proto_error_name(number));
+        return exit_of_number(number);
+    }
+    fprintf(stderr, "lightstagectl: %s\n",
+            context->diag.text[0] ? context->diag.text : ls_err_name(err));
+    if (err == LS_ERR_NOMEM || err == LS_ERR_BUG)
+        return LS_EXIT_INTERNAL;
+    return err == LS_ERR_GONE || err == LS_ERR_NOT_FOUND || err == LS_ERR_REFUSED
+               ? LS_EXIT_UNREACHABLE
+               : LS_EXIT_USAGE;
+}
+
+int ls_command_connect(struct ls_command_context *context)
+{
+    if (context->connection)
+        return LS_EXIT_OK;
+    enum ls_err err =
+        ls_connection_open(context->socket_path, &context->connection, &context->diag);
+    if (!err)
+        return LS_EXIT_OK;
+    ls_command_failed(context, err);
+    return LS_EXIT_UNREACHABLE;
+}
+
+int ls_command_call(struct ls_command_context *context, uint16_t type,
+                    const ProtobufCMessage *body, const void *payload, size_t payload_bytes,
+                    struct ls_reply *reply)
+{
+    int code = ls_command_connect(context);
+    if (code)
+        return code;
+    enum ls_err err = ls_connection_call(context->connection, type, body, payload, payload_bytes,
+                                         reply, &context->diag);
+    return err ? ls_command_failed(context, err) : LS_EXIT_OK;
+}
+
+void ls_command_print_json(json_t *object)
+{
+    json_dumpf(object, stdout, JSON_INDENT(1) | JSON_REAL_PRECISION(9));
+    putchar('\n');
+    json_decref(object);
+}
+
+enum ls_err ls_command_read_file(const char *path, size_t limit, char **bytes, size_t *n,
+                                 struct ls_diag *diag)
+{
+    struct stat info;
+    FILE *file = fopen(path, "rbe");
+    if (!file)
+        return ls_fail(diag, LS_ERR_INVALID, "%s: %s", path, strerror(errno));
+    if (fstat(fileno(file), &info) || !S_ISREG(info.st_mode) || (uint64_t)info.st_size > limit) {
+        fclose(file);
+        return ls_fail(diag, LS_ERR_INVALID, "%s: expected a file of at most %zu bytes", path,
+                       limit);
+    }
+    size_t size = (size_t)info.st_size;
+    *bytes = malloc(size + 1);
+    *n = *bytes ? fread(*bytes, 1, size, file) : 0;
+    fclose(file);
+    if (!*bytes)
+        return ls_fail(diag, LS_ERR_NOMEM, "%s: out of memory", path);
+    (*bytes)[*n] = '\0';
+    return LS_OK;
+}
+
+static bool write_all(int fd, const uint8_t *bytes, size_t n)
+{
+    for (size_t at = 0; at < n;) {
+        ssize_t wrote = write(fd, bytes + at, n - at);
+        if (wrote < 0 && errno == EINTR)
+            continue;
+        if (wrote <= 0)
+            return false;
+        at += (size_t)wrote;
+    }
+    return true;
+}
+
+enum ls_err ls_command_write_file(const char *path, const void *bytes, size_t n,
+                                  struct ls_diag *diag)
+{
+    char beside[4096];
+    if (snprintf(beside, sizeof beside, "%s.part", path) >= (int)sizeof beside)
+        return ls_fail(diag, LS_ERR_INVALID, "%s: the path is too long", path);
+    int fd = open(beside, O_WRONLY | O_CREAT | O_TRUNC | O_CLOEXEC, 0666);
+    if (fd < 0)
+        return ls_fail(diag, LS_ERR_INVALID, "%s: %s", path, strerror(errno));
+    bool ok = write_all(fd, bytes, n);
+    ok = close(fd) == 0 && ok;
+    if (ok && rename(beside, path) == 0)
+        return LS_OK;
+    enum ls_err err = ls_fail(diag, LS_ERR_INVALID, "%s: %s", path, strerror(errno));
+    unlink(beside);
+    return err;
+}

@@ -1,0 +1,95 @@
+/*
+ * command: what every command of lightstagectl shares: exit codes, options, output.
+ * Layer: clients. Threads: the main thread. Ownership: the context is main's.
+ */
+#ifndef LS_CLIENTS_COMMAND_H
+#define LS_CLIENTS_COMMAND_H
+
+#include "clients/connection.h"
+#include "core/error.h"
+
+#include <getopt.h>
+#include <jansson.h>
+#include <stdbool.h>
+
+/** Exit codes, stable; clients/README.md explains them. */
+enum ls_exit {
+    LS_EXIT_OK = 0,
+    LS_EXIT_NO = 1,          /* done, and the answer is no: damage found, take not complete */
+    LS_EXIT_USAGE = 2,       /* wrong command line, or an input or output file */
+    LS_EXIT_UNREACHABLE = 3, /* no daemon, or the connection was lost */
+    LS_EXIT_REQUEST = 4,     /* refused with 1xx */
+    LS_EXIT_STATE = 5,       /* 2xx */
+    LS_EXIT_RIG = 6,         /* 3xx */
+    LS_EXIT_STORAGE = 7,     /* 4xx */
+    LS_EXIT_INTERNAL = 8,    /* 5xx */
+    LS_EXIT_INTERRUPTED = 130,
+};
+
+struct ls_command_context {
+    const char *socket_path;
+    bool json;
+    struct ls_connection *connection; /* NULL until ls_command_connect */
+    struct ls_diag diag;
+};
+
+struct ls_command {
+    const char *name;    /* "status", "take list" */
+    const char *summary; /* one line */
+    const char *usage;   /* what follows the name, then the options */
+    int (*run)(struct ls_command_context *context, int argc, char **argv); /* enum ls_exit */
+};
+
+extern const struct ls_command ls_command_status, ls_command_rig, ls_command_preflight,
+    ls_command_take_start, ls_command_take_resume, ls_command_take_abort, ls_command_take_list,
+    ls_command_take_show, ls_command_take_verify, ls_command_fetch, ls_command_relight,
+    ls_command_blank;
+
+/** Options every command has; put them at the end of its table. */
+enum { LS_OPTION_SOCKET = 1000, LS_OPTION_JSON, LS_OPTION_HELP };
+#define LS_COMMON_OPTIONS                                                                          \
+    {"socket", required_argument, NULL, LS_OPTION_SOCKET},                                         \
+        {"json", no_argument, NULL, LS_OPTION_JSON}, {"help", no_argument, NULL, LS_OPTION_HELP},  \
+    {                                                                                              \
+        0                                                                                          \
+    }
+
+/**
+ * getopt_long for a command: handles the common options, returns the others, -1 at the end.
+ * Prints and returns '?' on a wrong one: return LS_EXIT_USAGE then. --help prints and exits.
+ */
+int ls_command_option(struct ls_command_context *context, const struct ls_command *command,
+                      int argc, char **argv, const struct option *options);
+
+/** Positional arguments left: exactly @n? Else says what was expected. */
+bool ls_command_arguments(const struct ls_command *command, int argc, int n);
+
+/** Print "lightstagectl: sentence" and return LS_EXIT_USAGE. */
+int ls_command_wrong(const char *fmt, ...) LS_PRINTF(1, 2);
+
+/** Connect if that has not been done. LS_EXIT_OK, or the sentence printed and its exit code. */
+int ls_command_connect(struct ls_command_context *context);
+
+/** Print context->diag and return the exit code for a failed call. */
+int ls_command_failed(struct ls_command_context *context, enum ls_err err);
+
+/** One request, one answer. LS_EXIT_OK, or printed and its exit code. Finish @reply. */
+int ls_command_call(struct ls_command_context *context, uint16_t type,
+                    const ProtobufCMessage *body, const void *payload, size_t payload_bytes,
+                    struct ls_reply *reply);
+
+/** Print @object (transfer full) as indented JSON on stdout. */
+void ls_command_print_json(json_t *object);
+
+/** printf to stdout; text from the daemon goes through ls_clean first. */
+const char *ls_clean(char *text);
+
+/** Read a whole file of at most @limit bytes. *bytes: (transfer full), NUL-terminated. */
+LS_MUST_CHECK enum ls_err ls_command_read_file(const char *path, size_t limit, char **bytes,
+                                               size_t *n, struct ls_diag *diag);
+
+/** Write a whole file: beside it first, then renamed over it. */
+LS_MUST_CHECK enum ls_err ls_command_write_file(const char *path, const void *bytes, size_t n,
+                                                struct ls_diag *diag);
+
+#endif

@@ -1,0 +1,242 @@
+#include "clients/connection.h"
+
+#include "proto/errors.h"
+#include "proto/frame.h"
+
+#include <errno.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/socket.h>
+#include <sys/uio.h>
+#include <sys/un.h>
+#include <unistd.h>
+
+enum { READ_BYTES = 256 * 1024 };
+static const uint64_t max_payload = (uint64_t)1 << 30; /* of a reply; memory grows as it arrives */
+
+struct ls_connection {
+    int fd;
+    uint32_t last_request;
+    uint32_t error;
+    struct ls_frame_decoder decoder;
+    bool frame_taken; /* the decoder's frame has been handed out */
+    uint8_t *in;
+    size_t in_used, in_fill;
+};
+
+void ls_reply_finish(struct ls_reply *reply)
+{
+    ls_message_free(reply->message);
+    memset(reply, 0, sizeof *reply);
+}
+
+uint32_t ls_connection_error(const struct ls_connection *connection)
+{
+    return connection->error;
+}
+
+void ls_connection_close(struct ls_connection *connection)
+{
+    if (!connection)
+        return;
+    if (connection->fd >= 0)
+        close(connection->fd);
+    ls_frame_decoder_finish(&connection->decoder);
+    free(connection->in);
+    free(connection);
+}
+
+static enum ls_err lost(struct ls_diag *diag)
+{
+    return ls_fail(diag, LS_ERR_GONE, "the connection to the daemon is lost");
+}
+
+static enum ls_err send_all(struct ls_connection *connection, struct iovec *spans, size_t n,
+                            struct ls_diag *diag)
+{
+    size_t at = 0;
+    while (at < n) {
+        struct msghdr message = {.msg_iov = spans + at, .msg_iovlen = n - at};
+        ssize_t sent = sendmsg(connection->fd, &message, MSG_NOSIGNAL);
+        if (sent < 0 && errno == EINTR)
+            continue;
+        if (sent < 0)
+            return lost(diag);
+        for (; at < n && (size_t)sent >= spans[at].iov_len; at++)
+            sent -= (ssize_t)spans[at].iov_len;
+        if (at < n) {
+            spans[at].iov_base = (uint8_t *)spans[at].iov_base + sent;
+            spans[at].iov_len -= (size_t)sent;
+        }
+    }
+    return LS_OK;
+}
+
+enum ls_err ls_connection_send(struct ls_connection *connection, uint16_t type,
+                               const ProtobufCMessage *body, const void *payload,
+                               size_t payload_bytes, uint32_t *request, struct ls_diag *diag)
+{
+    uint8_t *head = NULL;
+    size_t head_bytes = 0;
+    uint32_t id = ++connection->last_request;
+    enum ls_err err =
+        ls_message_frame(type, id, LS_FRAME_LAST, body, payload_bytes, &head, &head_bytes, diag);
+    if (err)
+        return err;
+    struct iovec spans[2] = {{head, head_bytes}, {(void *)payload, payload_bytes}};
+    err = send_all(connection, spans, payload_bytes ? 2 : 1, diag);
+    free(head);
+    *request = id;
+    /* A daemon that refuses says why before it closes: what it said is still to be read. */
+    return err == LS_ERR_GONE ? LS_OK : err;
+}
+
+static enum ls_err read_more(struct ls_connection *connection, struct ls_diag *diag)
+{
+    ssize_t n = recv(connection->fd, connection->in, READ_BYTES, 0);
+    if (n < 0 && errno == EINTR)
+        return ls_fail(diag, LS_ERR_ABORTED, "interrupted");
+    if (n <= 0)
+        return lost(diag);
+    connection->in_used = 0;
+    connection->in_fill = (size_t)n;
+    return LS_OK;
+}
+
+static enum ls_err next_frame(struct ls_connection *connection, struct ls_diag *diag)
+{
+    int complete = 0;
+    if (connection->frame_taken)
+        ls_frame_decoder_next(&connection->decoder);
+    connection->frame_taken = false;
+    while (!complete) {
+        size_t used = 0;
+        enum ls_err err = LS_OK;
+        if (connection->in_used == connection->in_fill)
+            err = read_more(connection, diag);
+        if (!err)
+            err = ls_frame_decoder_feed(&connection->decoder, connection->in + connection->in_used,
+                                        connection->in_fill - connection->in_used, &used,
+                                        &complete, diag);
+        if (err)
+            return err;
+        connection->in_used += used;
+    }
+    connection->frame_taken = true;
+    return LS_OK;
+}
+
+static enum ls_err remote_error(struct ls_connection *connection, struct ls_reply *reply,
+                                struct ls_diag *diag)
+{
+    const Lightstage__Error *error = (const Lightstage__Error *)reply->message;
+    connection->error = error->number;
+    ls_fail(diag, LS_ERR_REFUSED, "%s", error->text);
+    ls_reply_finish(reply);
+    return LS_ERR_REFUSED;
+}
+
+enum ls_err ls_connection_receive(struct ls_connection *connection, uint32_t request,
+                                  struct ls_reply *reply, struct ls_diag *diag)
+{
+    memset(reply, 0, sizeof *reply);
+    for (;;) {
+        enum ls_err err = next_frame(connection, diag);
+        const struct ls_frame_header *header = &connection->decoder.header;
+        if (err)
+            return err;
+        if (request && header->request && header->request != request)
+            continue;
+        err = ls_message_decode(header->type, ls_frame_decoder_message(&connection->decoder),
+                                header->message_bytes, &reply->message, diag);
+        if (err)
+            return err;
+        reply->type = header->type;
+        reply->request = header->request;
+        reply->last = header->flags & LS_FRAME_LAST;
+        reply->payload = ls_frame_decoder_payload(&connection->decoder);
+        reply->payload_bytes = (size_t)header->payload_bytes;
+        return header->type == LS_MESSAGE_ERROR ? remote_error(connection, reply, diag) : LS_OK;
+    }
+}
+
+enum ls_err ls_connection_call(struct ls_connection *connection, uint16_t type,
+                               const ProtobufCMessage *body, const void *payload,
+                               size_t payload_bytes, struct ls_reply *reply, struct ls_diag *diag)
+{
+    uint32_t request = 0;
+    enum ls_err err =
+        ls_connection_send(connection, type, body, payload, payload_bytes, &request, diag);
+    if (err)
+        return err;
+    do
+        err = ls_connection_receive(connection, request, reply, diag);
+    while (err == LS_ERR_ABORTED);
+    if (!err && reply->type != (type | LS_MESSAGE_REPLY)) {
+        ls_reply_finish(reply);
+        return ls_fail(diag, LS_ERR_INVALID, "the daemon answered %s with another kind of message",
+                       ls_message_name(type));
+    }
+    return err;
+}
+
+static enum ls_err greet(struct ls_connection *connection, struct ls_diag *diag)
+{
+    Lightstage__Hello hello = LIGHTSTAGE__HELLO__INIT;
+    struct ls_reply reply;
+    hello.version = LS_FRAME_VERSION;
+    hello.client = (char *)"lightstagectl";
+    enum ls_err err =
+        ls_connection_call(connection, LS_MESSAGE_HELLO, &hello.base, NULL, 0, &reply, diag);
+    if (!err)
+        ls_reply_finish(&reply);
+    return err;
+}
+
+static enum ls_err connect_unix(const char *path, int *out, struct ls_diag *diag)
+{
+    struct sockaddr_un address = {.sun_family = AF_UNIX};
+    if (strlen(path) >= sizeof address.sun_path)
+        return ls_fail(diag, LS_ERR_INVALID, "socket path %s: at most %zu characters", path,
+                       sizeof address.sun_path - 1);
+    strcpy(address.sun_path, path);
+    int fd = socket(AF_UNIX, SOCK_STREAM | SOCK_CLOEXEC, 0);
+    if (fd < 0)
+        return ls_fail(diag, LS_ERR_OS, "socket: %s", strerror(errno));
+    if (connect(fd, (const struct sockaddr *)&address, sizeof address)) {
+        int reason = errno;
+        close(fd);
+        return ls_fail(diag, LS_ERR_NOT_FOUND,
+                       "no lightstaged answers at %s (%s): start it, or name its socket with "
+                       "--socket or LIGHTSTAGED_SOCKET", path, strerror(reason));
+    }
+    *out = fd;
+    return LS_OK;
+}
+
+enum ls_err ls_connection_open(const char *socket_path, struct ls_connection **out,
+                               struct ls_diag *diag)
+{
+    int fd = -1;
+    enum ls_err err = connect_unix(socket_path, &fd, diag);
+    if (err)
+        return err;
+    struct ls_connection *connection = calloc(1, sizeof *connection);
+    uint8_t *in = malloc(READ_BYTES);
+    if (!connection || !in) {
+        free(connection);
+        free(in);
+        close(fd);
+        return ls_fail(diag, LS_ERR_NOMEM, "out of memory");
+    }
+    connection->fd = fd;
+    connection->in = in;
+    ls_frame_decoder_init(&connection->decoder, max_payload);
+    err = greet(connection, diag);
+    if (err)
+        ls_connection_close(connection);
+    else
+        *out = connection;
+    return err;
+}

@@ -1,0 +1,64 @@
+#include "clients/region_option.h"
+
+#include <ctype.h>
+#include <errno.h>
+#include <stdlib.h>
+
+/* A decimal number followed by anything; false if there is none or it is too large. */
+static bool next_number(const char **text, uint32_t *out)
+{
+    char *end = NULL;
+    if (!isdigit((unsigned char)**text))
+        return false;
+    errno = 0;
+    unsigned long value = strtoul(*text, &end, 10);
+    if (errno || value > UINT32_MAX)
+        return false;
+    *text = end;
+    *out = (uint32_t)value;
+    return true;
+}
+
+bool ls_region_option(const char *text, Lightstage__Region *out)
+{
+    uint32_t *const values[] = {&out->x, &out->y, &out->width, &out->height};
+    for (int i = 0; i < 4; i++) {
+        if (!next_number(&text, values[i]))
+            return false;
+        if (i < 3 && *text++ != ',')
+            return false;
+    }
+    return *text == '\0' && out->width > 0 && out->height > 0;
+}
+
+static bool add_range(uint32_t first, uint32_t last, uint32_t limit, uint32_t *out, size_t *n)
+{
+    if (first > last || last >= limit || *n + (last - first) >= limit)
+        return false;
+    for (uint32_t i = first; i <= last; i++)
+        out[(*n)++] = i;
+    return true;
+}
+
+bool ls_lights_option(const char *text, uint32_t limit, uint32_t **out, size_t *n)
+{
+    uint32_t *lights = calloc(limit, sizeof *lights);
+    bool ok = lights != NULL;
+    *n = 0;
+    for (bool more = true; ok && more;) {
+        uint32_t first, last;
+        ok = next_number(&text, &first);
+        last = first;
+        if (ok && *text == '-')
+            ok = next_number((text++, &text), &last);
+        ok = ok && add_range(first, last, limit, lights, n);
+        more = *text == ',';
+        text += more;
+    }
+    if (!ok || *text != '\0') {
+        free(lights);
+        return false;
+    }
+    *out = lights;
+    return true;
+}

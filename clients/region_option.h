@@ -1,0 +1,20 @@
+/*
+ * region_option: lists of numbers on the command line.
+ * Layer: clients. Threads: any. Ownership: the caller's.
+ */
+#ifndef LS_CLIENTS_REGION_OPTION_H
+#define LS_CLIENTS_REGION_OPTION_H
+
+#include "proto/lightstage.pb-c.h"
+
+#include <stdbool.h>
+#include <stddef.h>
+#include <stdint.h>
+
+/** "X,Y,WIDTH,HEIGHT", width and height at least 1. */
+bool ls_region_option(const char *text, Lightstage__Region *out);
+
+/** "0,5,7-9": numbers and ranges below @limit. *out: (transfer full). */
+bool ls_lights_option(const char *text, uint32_t limit, uint32_t **out, size_t *n);
+
+#endif

@@ -1,0 +1,168 @@
+#include "clients/take_document.h"
+
+#include "core/envlights.h"
+
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+void ls_take_document_destroy(struct ls_take_document *document)
+{
+    if (!document)
+        return;
+    ls_calibration_destroy(document->calibration);
+    free(document->direction);
+    free(document->omega_sr);
+    free(document);
+}
+
+static enum ls_err wrong(struct ls_diag *diag, const char *key)
+{
+    return ls_fail(diag, LS_ERR_INVALID, "take.json: %s is missing or not what this client knows",
+                   key);
+}
+
+static enum ls_err read_lights(struct ls_take_document *d, const json_t *rig, struct ls_diag *diag)
+{
+    const json_t *list = json_object_get(json_object_get(rig, "lights"), "position_m");
+    size_t n = json_array_size(list);
+    if (n < 1 || n > LS_DOCUMENT_LIGHTS)
+        return wrong(diag, "rig.lights.position_m");
+    d->direction = calloc(n, sizeof *d->direction);
+    d->omega_sr = calloc(n, sizeof *d->omega_sr);
+    if (!d->direction || !d->omega_sr)
+        return ls_fail(diag, LS_ERR_NOMEM, "out of memory");
+    d->n_lights = (uint32_t)n;
+    for (size_t i = 0; i < n; i++) {
+        double p[3], length = 0;
+        for (size_t a = 0; a < 3; a++) {
+            p[a] = json_number_value(json_array_get(json_array_get(list, i), a));
+            length += p[a] * p[a];
+        }
+        if (!(length > 0) || !isfinite(length))
+            return wrong(diag, "rig.lights.position_m");
+        for (size_t a = 0; a < 3; a++)
+            d->direction[i][a] = (float)(p[a] / sqrt(length));
+    }
+    return ls_envlights_omega((const float(*)[3])d->direction, n, d->omega_sr, diag);
+}
+
+static enum ls_err read_channels(struct ls_take_document *d, const json_t *rig,
+                                 struct ls_diag *diag)
+{
+    const json_t *list = json_object_get(rig, "channels");
+    size_t n = json_array_size(list);
+    if (n < 1 || n > LS_DOCUMENT_CHANNELS)
+        return wrong(diag, "rig.channels");
+    d->n_channels = (uint32_t)n;
+    for (size_t i = 0; i < n; i++) {
+        const json_t *item = json_array_get(list, i);
+        const char *name = json_string_value(json_object_get(item, "name"));
+        const char *kind = json_string_value(json_object_get(item, "kind"));
+        if (!name || !kind || strlen(name) >= sizeof d->channels[i].name)
+            return wrong(diag, "rig.channels");
+        snprintf(d->channels[i].name, sizeof d->channels[i].name, "%s", name);
+        d->channels[i].spectrum = strcmp(kind, "spectrum") == 0;
+    }
+    return LS_OK;
+}
+
+static void read_conditions(struct ls_take_document *d, const json_t *doc)
+{
+    const json_t *list = json_object_get(json_object_get(doc, "plan"), "conditions");
+    size_t index;
+    json_t *item;
+    json_array_foreach(list, index, item)
+    {
+        const char *kind = json_string_value(json_object_get(item, "kind"));
+        const char *channel = json_string_value(json_object_get(item, "channel"));
+        for (uint32_t c = 0; kind && channel && c < d->n_channels; c++) {
+            if (strcmp(d->channels[c].name, channel) != 0)
+                continue;
+            d->channels[c].each |= strcmp(kind, "one") == 0;
+            d->channels[c].sphere |= strcmp(kind, "sphere") == 0;
+        }
+    }
+}
+
+static enum ls_err read_camera(struct ls_take_document *d, const json_t *rig, struct ls_diag *diag)
+{
+    const json_t *item = json_array_get(json_object_get(rig, "cameras"), 0);
+    const char *format = json_string_value(json_object_get(item, "pixel_format"));
+    if (!format)
+        return wrong(diag, "rig.cameras");
+    d->mono = strncmp(format, "Mono", 4) == 0;
+    d->width = (uint32_t)json_integer_value(json_object_get(item, "width"));
+    d->height = (uint32_t)json_integer_value(json_object_get(item, "height"));
+    return LS_OK;
+}
+
+static enum ls_err read_calibration(struct ls_take_document *d, const json_t *doc,
+                                    struct ls_diag *diag)
+{
+    const json_t *calibration = json_object_get(doc, "calibration");
+    if (!json_is_object(calibration))
+        return LS_OK;
+    char *text = json_dumps(calibration, JSON_COMPACT | JSON_REAL_PRECISION(17));
+    if (!text)
+        return ls_fail(diag, LS_ERR_NOMEM, "out of memory");
+    enum ls_err err = ls_calibration_parse(text, strlen(text), &d->calibration, diag);
+    free(text);
+    if (!err && d->calibration->n_lights != d->n_lights)
+        return wrong(diag, "calibration.lights");
+    for (uint32_t i = 0; !err && i < d->n_lights; i++)
+        d->omega_sr[i] = (double)d->calibration->omega_sr[i];
+    return err;
+}
+
+static enum ls_err read_document(struct ls_take_document *d, const json_t *doc,
+                                 struct ls_diag *diag)
+{
+    const json_t *rig = json_object_get(doc, "rig");
+    d->reference_exposure_s = json_number_value(json_object_get(doc, "reference_exposure_s"));
+    enum ls_err err = read_lights(d, rig, diag);
+    if (!err)
+        err = read_channels(d, rig, diag);
+    if (!err)
+        err = read_camera(d, rig, diag);
+    if (!err)
+        err = read_calibration(d, doc, diag);
+    read_conditions(d, doc);
+    return err;
+}
+
+enum ls_err ls_take_document_parse(const char *text, size_t n, struct ls_take_document **out,
+                                   struct ls_diag *diag)
+{
+    json_error_t error;
+    json_t *doc = json_loadb(text, n, JSON_REJECT_DUPLICATES, &error);
+    if (!doc)
+        return ls_fail(diag, LS_ERR_INVALID, "take.json:%d: %s", error.line, error.text);
+    struct ls_take_document *d = calloc(1, sizeof *d);
+    enum ls_err err = d ? read_document(d, doc, diag) : ls_fail(diag, LS_ERR_NOMEM, "out of memory");
+    json_decref(doc);
+    if (err)
+        ls_take_document_destroy(d);
+    else
+        *out = d;
+    return err;
+}
+
+int ls_take_document_get(struct ls_command_context *context, const char *take,
+                         struct ls_take_document **out)
+{
+    Lightstage__TakeShow body = LIGHTSTAGE__TAKE_SHOW__INIT;
+    struct ls_reply reply;
+    body.take = (char *)take;
+    int code = ls_command_call(context, LS_MESSAGE_TAKE_SHOW, &body.base, NULL, 0, &reply);
+    if (code)
+        return code;
+    enum ls_err err = ls_take_document_parse((const char *)reply.payload, reply.payload_bytes, out,
+                                             &context->diag);
+    ls_reply_finish(&reply);
+    if (err)
+        return ls_command_failed(context, err);
+    snprintf((*out)->id, sizeof(*out)->id, "%s", take);
+    return LS_EXIT_OK;
+}

@@ -1,0 +1,41 @@
+/*
+ * take_document: what take.json says that a client needs: geometry, channels, calibration.
+ * Layer: clients. Threads: the main thread. Ownership: owns everything; see destroy.
+ */
+#ifndef LS_CLIENTS_TAKE_DOCUMENT_H
+#define LS_CLIENTS_TAKE_DOCUMENT_H
+
+#include "clients/command.h"
+#include "core/calibration.h"
+
+#include <stdbool.h>
+#include <stdint.h>
+
+enum { LS_DOCUMENT_CHANNELS = 16, LS_DOCUMENT_LIGHTS = 4096 };
+
+struct ls_take_document {
+    char id[128];
+    uint32_t n_lights;
+    float (*direction)[3]; /* unit, towards the light */
+    double *omega_sr;      /* of the cells; the calibration's, if it has one */
+    uint32_t n_channels;
+    struct { char name[32]; bool spectrum, each, sphere; } channels[LS_DOCUMENT_CHANNELS];
+    bool mono;
+    uint32_t width, height;
+    double reference_exposure_s;
+    struct ls_calibration *calibration; /* NULL: the take has none */
+};
+
+/** Ask the daemon. LS_EXIT_OK, or printed and its exit code. *out: (transfer full). */
+int ls_take_document_get(struct ls_command_context *context, const char *take,
+                         struct ls_take_document **out);
+
+/** Parse take.json. Errors: LS_ERR_INVALID naming the key; those of ls_calibration_parse. */
+LS_MUST_CHECK enum ls_err ls_take_document_parse(const char *text, size_t n,
+                                                 struct ls_take_document **out,
+                                                 struct ls_diag *diag);
+
+/** NULL is allowed. */
+void ls_take_document_destroy(struct ls_take_document *document);
+
+#endif

@@ -1,0 +1,152 @@
+#include "clients/take_follow.h"
+
+#include "clients/take_text.h"
+
+#include <signal.h>
+#include <stdio.h>
+#include <string.h>
+#include <sys/ioctl.h>
+#include <unistd.h>
+
+static volatile sig_atomic_t interrupts; /* the one thing a signal handler can write */
+
+static void on_interrupt(int signal_number)
+{
+    interrupts++;
+}
+
+void ls_take_follow_signals(void)
+{
+    struct sigaction action = {.sa_handler = on_interrupt}; /* no SA_RESTART: recv returns */
+    sigemptyset(&action.sa_mask);
+    sigaction(SIGINT, &action, NULL);
+}
+
+/* ---- progress bar ---- */
+
+static unsigned columns(void)
+{
+    struct winsize size;
+    if (ioctl(STDERR_FILENO, TIOCGWINSZ, &size) || size.ws_col < 20)
+        return 80;
+    return size.ws_col;
+}
+
+static void left_text(const Lightstage__Progress *p, char *out, size_t n)
+{
+    unsigned left = p->steps_planned > p->steps_bound ? p->steps_planned - p->steps_bound : 0;
+    double seconds = p->frames_per_second > 0.1 ? left / p->frames_per_second : -1;
+    if (seconds < 0)
+        snprintf(out, n, "--:-- left");
+    else
+        snprintf(out, n, "%d:%02d left", (int)(seconds + 0.5) / 60, (int)(seconds + 0.5) % 60);
+}
+
+static void draw(const Lightstage__TakeStatus *status, bool aborting)
+{
+    const Lightstage__Progress *p = status->progress;
+    char numbers[128], left[32], bar[64];
+    unsigned width = columns() > 70 ? columns() - 62 : 8;
+    if (!p || p->steps_planned == 0) {
+        fprintf(stderr, "\r%s ...\033[K", aborting ? "aborting" : "preparing");
+        return;
+    }
+    left_text(p, left, sizeof left);
+    snprintf(numbers, sizeof numbers, "%u/%u  %.1f/s  lost %u  %s", p->steps_bound,
+             p->steps_planned, p->frames_per_second, p->shots_lost, left);
+    width = width < sizeof bar ? width : (unsigned)sizeof bar - 1;
+    double share = (double)p->steps_bound / p->steps_planned;
+    unsigned full = share < 1 ? (unsigned)(share * width) : width;
+    memset(bar, '.', width);
+    memset(bar, '#', full);
+    bar[width] = '\0';
+    fprintf(stderr, "\r%s [%s] %s\033[K", aborting ? "aborting" : "taking", bar, numbers);
+}
+
+/* ---- following ---- */
+
+static int send_abort(struct ls_command_context *context)
+{
+    Lightstage__TakeAbort body = LIGHTSTAGE__TAKE_ABORT__INIT;
+    uint32_t request;
+    return ls_connection_send(context->connection, LS_MESSAGE_TAKE_ABORT, &body.base, NULL, 0,
+                              &request, &context->diag) == LS_OK;
+}
+
+static int print_end(struct ls_command_context *context, const Lightstage__TakeStatus *status)
+{
+    if (context->json)
+        ls_command_print_json(ls_take_status_json(status));
+    else
+        ls_take_status_print(status);
+    if (interrupts > 0)
+        return LS_EXIT_INTERRUPTED;
+    return status->state == LIGHTSTAGE__TAKE_STATE__COMPLETE ? LS_EXIT_OK : LS_EXIT_NO;
+}
+
+static int lost(struct ls_command_context *context, const char *token)
+{
+    fprintf(stderr,
+            "lightstagectl: %s; the take goes on without this program. `lightstagectl status` "
+            "says where it stands; the same command with --token %s follows it again\n",
+            context->diag.text, token);
+    return LS_EXIT_UNREACHABLE;
+}
+
+/* What a signal asks for. Returns an exit code, or -1 to go on. */
+static int heed_interrupt(struct ls_command_context *context, bool *aborting)
+{
+    if (interrupts >= 2) {
+        fputs("\nlightstagectl: leaving; the daemon finishes aborting the take\n", stderr);
+        return LS_EXIT_INTERRUPTED;
+    }
+    if (interrupts == 1 && !*aborting) {
+        *aborting = true;
+        fputs("\naborting; waiting for the lights to be dark (Ctrl-C again leaves at once)\n",
+              stderr);
+        send_abort(context);
+    }
+    return -1;
+}
+
+static int follow(struct ls_command_context *context, uint32_t request, const char *token)
+{
+    bool aborting = false, terminal = isatty(STDERR_FILENO);
+    for (;;) {
+        struct ls_reply reply;
+        int code = heed_interrupt(context, &aborting);
+        if (code >= 0)
+            return code;
+        enum ls_err err =
+            ls_connection_receive(context->connection, request, &reply, &context->diag);
+        if (err == LS_ERR_ABORTED)
+            continue;
+        if (err && terminal)
+            fputc('\n', stderr);
+        if (err == LS_ERR_GONE)
+            return lost(context, token);
+        if (err)
+            return ls_command_failed(context, err);
+        const Lightstage__TakeStatus *status = (const Lightstage__TakeStatus *)reply.message;
+        if (terminal)
+            draw(status, aborting);
+        if (reply.last) {
+            if (terminal)
+                fputc('\n', stderr);
+            code = print_end(context, status);
+        }
+        ls_reply_finish(&reply);
+        if (code >= 0)
+            return code;
+    }
+}
+
+int ls_take_follow(struct ls_command_context *context, const char *token)
+{
+    Lightstage__TakeProgress body = LIGHTSTAGE__TAKE_PROGRESS__INIT;
+    uint32_t request = 0;
+    body.token = (char *)token;
+    enum ls_err err = ls_connection_send(context->connection, LS_MESSAGE_TAKE_PROGRESS, &body.base,
+                                         NULL, 0, &request, &context->diag);
+    return err ? ls_command_failed(context, err) : follow(context, request, token);
+}
