@@ -9,7 +9,7 @@ enum { MAX_LIGHTS = 16384, MAX_DEPTH = 48 };
 static const double coincident_rad = 1e-6;
 /* where a cell's border stops being followed: one border across a box is cut straight, a corner of
  * three cells is not cut */
-static const double border_rad = 1.5e-3, corner_rad = 4e-4;
+static const double border_rad = 4e-3, corner_rad = 4e-4;
 
 /** The distinct directions of the lights, in the environment's frame. */
 struct sites {
@@ -149,8 +149,10 @@ struct box {
 /* 1 - cos of the angle inside which the fraction @q of a lobe's energy lies */
 static double quantile(double sharpness, double q)
 {
-    double cap = -expm1(-2 * sharpness);
-    return sharpness < 1e-9 ? 2 * q : fmin(2, -log1p(-q * cap) / sharpness);
+    if (sharpness < 1e-9)
+        return 2 * q;
+    double cap = sharpness < 20 ? -expm1(-2 * sharpness) : 1;
+    return fmin(2, -log1p(-q * cap) / sharpness);
 }
 
 static double energy(const struct ls_lobe *lobe)

@@ -8,7 +8,7 @@
  * share their cell equally; a tie goes to the lowest light. Every solid angle of a texel is exact
  * (dphi (cos t0 - cos t1)) and every part of it goes to exactly one cell, so the sum of weights is
  * the integral of the map to rounding (1e-12 relative), whatever the map: a constant 1 gives 4 pi,
- * a sun of one texel keeps its energy. Inside a texel a cell's border is followed to 1.5e-3 rad and
+ * a sun of one texel keeps its energy. Inside a texel a cell's border is followed to 4e-3 rad and
  * cut straight there, corners to 4e-4 rad: better than 1e-4 of a cell of a 346-light dome.
  *
  * Rotation turns the lights, never the map, so it neither resamples nor drifts: @rotation is a

@@ -56,7 +56,7 @@ static void test_a_cell_s_solid_angle_is_right(void)
             d[i][k] = (float)(r[i / 2][k] * (i % 2 ? -3 : 3)); /* any length */
     g_assert_cmpint(ls_envlights_omega((const float(*)[3])d, 6, omega, NULL), ==, LS_OK);
     for (int i = 0; i < 6; i++)
-        /* straight cuts of 1.5e-3 rad and four corners of 4e-4 rad */
+        /* straight cuts of 4e-3 rad and four corners of 4e-4 rad */
         g_assert_cmpfloat_with_epsilon(omega[i], 4 * M_PI / 6, 2e-6);
 }
 

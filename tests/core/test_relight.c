@@ -131,7 +131,7 @@ static struct take *take_new(enum ls_cfa cfa, double spread)
     static const double albedo[SPECTRA][3] = {{0.6, 0.3, 0.2}, {0.7, 0.4, 0.3}, {0.3, 0.2, 0.1}};
     g_autoptr(GRand) rand = g_rand_new_with_seed(11);
     struct take *take = g_new0(struct take, 1);
-    take->n = dome(take, 16);
+    take->n = dome(take, 12);
     take->shade = g_new(double, take->n *W *H);
     for (uint32_t i = 0; i < take->n; i++)
         for (uint32_t y = 0; y < H; y++)
@@ -270,7 +270,9 @@ static double error_with(struct take *take, const struct ls_field *field, gboole
     g_autofree float *out = g_new(float, W *H * 3);
     g_autofree double *w = g_new(double, take->n *SPECTRA), *used = g_new(double, take->n *SPECTRA);
     environment(take, FALSE, w);
-    environment(take, mirrored, used);
+    memcpy(used, w, sizeof *w * take->n * SPECTRA);
+    if (mirrored)
+        environment(take, TRUE, used);
     relight(field, used, out);
     return relit_error(take, w, out);
 }
