@@ -1,0 +1,66 @@
+/*
+ * fake_rig: a dome controller and cameras in the test's own process, behind the drivers'
+ * interfaces (drivers/lights.h, drivers/camera.h), with faults and a truth to compare with.
+ * Layer: tests. Threads: one engine thread of its own; the interfaces' functions on any.
+ *
+ * Every frame is Mono16. Pixel 0 holds 2 + the light that was on (1 = dark), pixel 1 the pulse's
+ * ordinal, pixel 2 1 + its width in units of 10 us, and all others
+ *     BLACK + RATE (1 + light) exposure_us.
+ */
+#ifndef LS_TESTS_FAKE_RIG_H
+#define LS_TESTS_FAKE_RIG_H
+
+#include "drivers/camera.h"
+#include "drivers/lights.h"
+
+#include <stdbool.h>
+#include <stdint.h>
+
+enum {
+    FAKE_WIDTH = 48,
+    FAKE_HEIGHT = 40,
+    FAKE_BLACK = 100,
+    FAKE_FULL_SCALE = 60000,
+    FAKE_MAX_PULSES = 4096,
+};
+
+#define FAKE_RATE 0.5 /* DN per us per (1 + light) */
+#define FAKE_OFFSET_US 13.7
+
+enum fake_fault {
+    FAKE_FINE,
+    FAKE_DROPPED,  /* the pulse does not reach camera 0 */
+    FAKE_LOST,     /* camera 0's frame comes incomplete */
+    FAKE_VANISHED, /* camera 0's frame does not come */
+    FAKE_DOUBLED,  /* camera 0 exposes once more, half a period later */
+};
+
+struct fake_options {
+    uint32_t n_cameras;
+    bool software, timed, no_time; /* kind of cameras */
+    int lose_light;                /* camera 0 never gives a frame of this light; -1 none */
+    /* Pulses are counted from the second program on: the first is the warm-up. */
+    uint32_t interlock_at;   /* pulse that opens it, 0 = never */
+    uint32_t stall_at;       /* pulse after which the controller sleeps 300 ms, 0 = never */
+    uint32_t gone_at;        /* pulse at which camera 0 disappears, 0 = never */
+    uint32_t frame_delay_us; /* from the end of exposure, default 2000 */
+    unsigned char faults[FAKE_MAX_PULSES]; /* enum fake_fault */
+    unsigned char warm_up_faults[FAKE_MAX_PULSES];
+};
+
+struct fake_rig;
+
+struct fake_rig *fake_rig_new(const struct fake_options *options);
+struct ls_lights *fake_rig_lights(struct fake_rig *rig);
+struct ls_camera *const *fake_rig_cameras(struct fake_rig *rig);
+
+/** Fired since the warm-up. */
+uint32_t fake_rig_pulses(struct fake_rig *rig);
+/** Exposures that found no queued slot. */
+uint32_t fake_rig_underruns(struct fake_rig *rig);
+bool fake_rig_is_dark(struct fake_rig *rig);
+/** Host time of the last lit pulse's start, ns. */
+uint64_t fake_rig_last_lit_ns(struct fake_rig *rig);
+void fake_rig_free(struct fake_rig *rig);
+
+#endif
