@@ -10,6 +10,9 @@
 #include <time.h>
 #include <unistd.h>
 
+/** Half a request keeps every other client waiting for so long, then its client is dropped. */
+enum { BYTE_TIMEOUT_US = 20000 };
+
 void sim_controller_defaults(struct sim_controller_config *config)
 {
     *config = (struct sim_controller_config){
@@ -79,6 +82,8 @@ static enum ls_err allocate(struct sim_controller *c, struct ls_diag *diag)
     c->kick_fd = eventfd(0, EFD_CLOEXEC | EFD_NONBLOCK);
     if (!c->memory || !c->events || !c->modbus || !c->map || c->kick_fd < 0)
         return ls_fail(diag, LS_ERR_NOMEM, "controller: out of memory");
+    modbus_set_byte_timeout(c->modbus, 0, BYTE_TIMEOUT_US);
+    modbus_set_response_timeout(c->modbus, 0, BYTE_TIMEOUT_US);
     return LS_OK;
 }
 

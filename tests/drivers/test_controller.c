@@ -1,0 +1,211 @@
+/* The controller's side of the contract, spoken to register by register, without a driver. */
+#include "drivers/lights_image.h"
+#include "drivers/modbus/link.h"
+#include "tests/drivers/dome_fixture.h"
+
+#include <errno.h>
+#include <glib.h>
+#include <string.h>
+#include <sys/socket.h>
+#include <netinet/in.h>
+#include <arpa/inet.h>
+#include <unistd.h>
+
+struct bench {
+    struct dome dome;
+    struct ls_link link;
+};
+
+static struct bench bench_open(const struct sim_controller_config *config)
+{
+    struct bench b = {.dome = dome_start(config)};
+    struct ls_diag diag = {0};
+    g_assert_cmpint(ls_link_init(&b.link, "127.0.0.1", b.dome.port, 1, 500, &diag), ==, LS_OK);
+    g_assert_cmpint(ls_link_connect(&b.link, &diag), ==, LS_OK);
+    return b;
+}
+
+static void bench_close(struct bench *b)
+{
+    ls_link_finish(&b->link);
+    dome_stop(&b->dome);
+}
+
+static enum ls_err put(struct bench *b, unsigned address, unsigned n, const uint16_t *regs)
+{
+    return ls_link_write(&b->link, address, n, regs, NULL);
+}
+
+static enum ls_err command(struct bench *b, uint16_t value)
+{
+    return put(b, LS_WIRE_CONTROL + LS_WIRE_CT_COMMAND, 1, &value);
+}
+
+static enum ls_err put32(struct bench *b, unsigned offset, uint32_t value)
+{
+    uint16_t regs[2];
+    ls_wire_put32(regs, value);
+    return put(b, LS_WIRE_CONTROL + offset, 2, regs);
+}
+
+static void status(struct bench *b, uint16_t *regs)
+{
+    g_assert_cmpint(ls_link_read(&b->link, LS_WIRE_STATUS, LS_WIRE_STATUS_SIZE, regs, NULL), ==,
+                    LS_OK);
+}
+
+static void upload(struct bench *b, const struct ls_program *program)
+{
+    uint16_t window[LS_WIRE_WINDOW_SIZE] = {0}, head[8];
+    size_t n = ls_image_encode(program, window + LS_WIRE_WN_DATA);
+    window[LS_WIRE_WN_LENGTH] = (uint16_t)n;
+    g_assert_cmpint(put(b, LS_WIRE_WINDOW, LS_WIRE_WN_DATA + (unsigned)n, window), ==, LS_OK);
+    ls_wire_put32(head, (uint32_t)(2 * n));
+    ls_wire_put32(head + 2, ls_wire_crc32c(window + LS_WIRE_WN_DATA, n));
+    ls_wire_put32(head + 4, program->n_conditions);
+    ls_wire_put32(head + 6, program->n_steps);
+    g_assert_cmpint(put(b, LS_WIRE_CONTROL + LS_WIRE_CT_BYTES, 8, head), ==, LS_OK);
+}
+
+static void test_latched(void)
+{
+    static const struct {
+        struct ls_led led;
+        enum ls_condition_kind kind;
+        uint32_t pulse_us, period_us;
+        uint16_t reason, faults;
+    } over[] = {
+        {{0, 0, 65535}, LS_CONDITION_SPHERE, 100, 1000, LS_WIRE_REFUSED_CURRENT,
+         LS_WIRE_FAULT_OVERCURRENT},
+        {{0, 0, 65535}, LS_CONDITION_ONE, 300000, 1000, LS_WIRE_REFUSED_DUTY,
+         LS_WIRE_FAULT_OVERDUTY},
+        {{0, 0, 65535}, LS_CONDITION_ONE, 10, 1000, LS_WIRE_REFUSED_PULSE, LS_WIRE_FAULT_PROGRAM},
+        {{0, 0, 65535}, LS_CONDITION_ONE, 100, 500, LS_WIRE_REFUSED_PERIOD, LS_WIRE_FAULT_PROGRAM},
+        {{0, 0, 9}, LS_CONDITION_ONE, 120, 1000, LS_WIRE_REFUSED_PWM, LS_WIRE_FAULT_PROGRAM},
+    };
+    struct sim_controller_config config = dome_small();
+    struct bench b = bench_open(&config);
+    uint16_t regs[LS_WIRE_STATUS_SIZE];
+    for (size_t i = 0; i < G_N_ELEMENTS(over); i++) {
+        struct ls_condition condition = {over[i].kind, 1, &over[i].led};
+        struct ls_step steps[2] = {{0, over[i].pulse_us, 0, 0}, {0, over[i].pulse_us, 0, 0}};
+        struct ls_program program = {&condition, 1, steps, 2, over[i].period_us};
+        upload(&b, &program);
+        g_assert_cmpint(command(&b, LS_WIRE_COMMIT), ==, LS_ERR_REFUSED);
+        status(&b, regs);
+        g_assert_cmpuint(regs[LS_WIRE_ST_STATE], ==, LS_WIRE_FAULT);
+        g_assert_cmpuint(regs[LS_WIRE_ST_FAULTS], ==, over[i].faults);
+        g_assert_cmpuint(regs[LS_WIRE_ST_REFUSAL], ==, over[i].reason);
+        g_assert_cmpint(command(&b, LS_WIRE_COMMIT), ==, LS_ERR_REFUSED); /* twice is no use */
+        g_assert_cmpint(command(&b, LS_WIRE_ARM), ==, LS_ERR_REFUSED);
+        status(&b, regs);
+        g_assert_cmpuint(regs[LS_WIRE_ST_REFUSAL], ==, LS_WIRE_REFUSED_FAULT);
+        g_assert_cmpint(command(&b, LS_WIRE_BLANK), ==, LS_OK); /* always; clears nothing */
+        status(&b, regs);
+        g_assert_cmpuint(regs[LS_WIRE_ST_FAULTS], ==, over[i].faults);
+        g_assert_cmpint(command(&b, LS_WIRE_CLEAR_FAULTS), ==, LS_OK);
+        status(&b, regs);
+        g_assert_cmpuint(regs[LS_WIRE_ST_STATE], ==, LS_WIRE_IDLE);
+    }
+    g_assert_cmpuint(b.dome.log->n_commits, ==, 0);
+    bench_close(&b);
+}
+
+static void test_checks(void)
+{
+    struct sim_controller_config config = dome_small();
+    struct bench b = bench_open(&config);
+    struct ls_led led = {0, 0, 65535};
+    struct ls_condition condition = {LS_CONDITION_ONE, 1, &led};
+    struct ls_step step = {0, 100, 0, 0};
+    struct ls_program program = {&condition, 1, &step, 1, 1000};
+    uint16_t regs[LS_WIRE_STATUS_SIZE];
+    g_assert_cmpint(command(&b, LS_WIRE_ARM), ==, LS_ERR_REFUSED);
+    g_assert_cmpint(command(&b, 99), ==, LS_ERR_REFUSED);
+    upload(&b, &program);
+    g_assert_cmpint(put32(&b, LS_WIRE_CT_CRC, 1), ==, LS_OK);
+    g_assert_cmpint(command(&b, LS_WIRE_COMMIT), ==, LS_ERR_REFUSED);
+    status(&b, regs);
+    g_assert_cmpuint(regs[LS_WIRE_ST_REFUSAL], ==, LS_WIRE_REFUSED_CRC);
+    upload(&b, &program);
+    g_assert_cmpint(put32(&b, LS_WIRE_CT_STEPS, 2), ==, LS_OK);
+    g_assert_cmpint(command(&b, LS_WIRE_COMMIT), ==, LS_ERR_REFUSED);
+    status(&b, regs);
+    g_assert_cmpuint(regs[LS_WIRE_ST_REFUSAL], ==, LS_WIRE_REFUSED_COUNTS);
+    g_assert_cmpuint(regs[LS_WIRE_ST_STATE], ==, LS_WIRE_IDLE);
+    g_assert_cmpint(put32(&b, LS_WIRE_CT_BYTES, UINT32_MAX), ==, LS_OK);
+    g_assert_cmpint(command(&b, LS_WIRE_COMMIT), ==, LS_ERR_REFUSED);
+    bench_close(&b);
+}
+
+static void test_registers(void)
+{
+    struct sim_controller_config config = dome_small();
+    struct bench b = bench_open(&config);
+    uint16_t regs[125] = {0};
+    const unsigned outside[][2] = {{24, 1}, {20, 5}, {0x40, 31}, {0x100, 121}, {0x210, 1},
+                                   {0x222, 1}, {0x37b, 1}, {65535, 1}, {65530, 100}};
+    for (size_t i = 0; i < G_N_ELEMENTS(outside); i++)
+        g_assert_cmpint(ls_link_read(&b.link, outside[i][0], outside[i][1], regs, NULL), ==,
+                        LS_ERR_UNSUPPORTED);
+    g_assert_cmpint(put(&b, LS_WIRE_STATUS, 1, regs), ==, LS_ERR_UNSUPPORTED);
+    g_assert_cmpint(put(&b, LS_WIRE_IDENTITY, 1, regs), ==, LS_ERR_UNSUPPORTED);
+    g_assert_cmpint(put(&b, LS_WIRE_CONTROL + LS_WIRE_CT_GRANT, 1, regs), ==, LS_ERR_UNSUPPORTED);
+    regs[LS_WIRE_WN_LENGTH] = 5;
+    g_assert_cmpint(put(&b, LS_WIRE_WINDOW, 5, regs), ==, LS_ERR_REFUSED); /* wrong length */
+    ls_wire_put32(regs, config.max_program_bytes / 2 - 1);
+    regs[LS_WIRE_WN_LENGTH] = 2;
+    g_assert_cmpint(put(&b, LS_WIRE_WINDOW, 5, regs), ==, LS_ERR_REFUSED); /* past the end */
+    ls_wire_put32(regs, UINT32_MAX);
+    g_assert_cmpint(put(&b, LS_WIRE_WINDOW, 5, regs), ==, LS_ERR_REFUSED);
+    ls_wire_put32(regs, 1000);
+    regs[3] = 0x1234;
+    g_assert_cmpint(put(&b, LS_WIRE_WINDOW, 5, regs), ==, LS_OK);
+    g_assert_cmpint(ls_link_read(&b.link, LS_WIRE_WINDOW, 4, regs, NULL), ==, LS_OK);
+    g_assert_cmphex(regs[3], ==, 0x1234);
+    bench_close(&b);
+}
+
+/** Random bytes on the socket: the controller lives on and serves the next client. */
+static void test_garbage(void)
+{
+    struct sim_controller_config config = dome_small();
+    struct bench b = bench_open(&config);
+    struct sockaddr_in sa = {.sin_family = AF_INET, .sin_port = htons((uint16_t)b.dome.port)};
+    sa.sin_addr.s_addr = htonl(INADDR_LOOPBACK);
+    for (int i = 0; i < 48; i++) {
+        uint8_t bytes[300];
+        size_t n = (size_t)g_test_rand_int_range(1, sizeof bytes);
+        int fd = socket(AF_INET, SOCK_STREAM | SOCK_CLOEXEC, 0);
+        g_assert_no_errno(connect(fd, (struct sockaddr *)&sa, sizeof sa));
+        for (size_t k = 0; k < n; k++)
+            bytes[k] = (uint8_t)g_test_rand_int_range(0, 256);
+        if (i % 2 && n > 12) { /* a plausible header with a hostile body */
+            const uint8_t head[] = {0, 1, 0, 0, (uint8_t)((n - 6) >> 8), (uint8_t)(n - 6), 1,
+                                    (const uint8_t[]){3, 6, 16, 23, 1, 43}[i / 2 % 6]};
+            memcpy(bytes, head, sizeof head);
+        }
+        g_assert_cmpint(send(fd, bytes, n, MSG_NOSIGNAL), ==, n);
+        close(fd);
+    }
+    uint16_t regs[LS_WIRE_IDENTITY_SIZE];
+    enum ls_err err = LS_ERR_GONE; /* our connection may have been the oldest */
+    for (int i = 0; i < 3 && err; i++) {
+        err = ls_link_connect(&b.link, NULL);
+        if (!err)
+            err = ls_link_read(&b.link, LS_WIRE_IDENTITY, LS_WIRE_IDENTITY_SIZE, regs, NULL);
+    }
+    g_assert_cmpint(err, ==, LS_OK);
+    g_assert_cmphex(regs[0], ==, LS_WIRE_MAGIC_0);
+    bench_close(&b);
+}
+
+int main(int argc, char **argv)
+{
+    g_test_init(&argc, &argv, NULL);
+    g_test_add_func("/controller/programs-over-a-limit-are-refused-and-latched", test_latched);
+    g_test_add_func("/controller/commit-checks-crc-and-counts", test_checks);
+    g_test_add_func("/controller/only-documented-registers-exist", test_registers);
+    g_test_add_func("/controller/garbage-does-not-stop-it", test_garbage);
+    return g_test_run();
+}
