@@ -127,12 +127,11 @@ static enum ls_err fill_patterns(const struct sim_scene *scene, const double *du
             double driven = sim_scene_quantise(scene, duties[d]);
             if (driven == 0)
                 continue;
-            double load = driven * scene->geometry.n_lights;
             c->patterns[c->n_patterns++] = (struct ls_calibration_pattern){
                 .channel = s,
                 .pattern = "sphere",
                 .duty = duties[d],
-                .factor = duties[d] * sim_scene_droop(scene, s, load) / driven};
+                .factor = duties[d] * sim_scene_droop(scene, s, scene->geometry.n_lights) / driven};
         }
     return LS_OK;
 }

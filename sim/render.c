@@ -169,11 +169,12 @@ static void list_uses(struct job *job, uint32_t *fill)
     memcpy(fill, job->first, job->scene->geometry.n_lights * sizeof *fill);
     for (uint32_t p = 0; p < job->n; p++) {
         const struct sim_picture *picture = job->pictures[p];
+        uint32_t lit = sim_world_lit(picture->leds, picture->n_leds);
         job->slot[p] = picture->n_leds == 1 ? UINT32_MAX : job->n_slots++;
         for (uint32_t k = 0; k < picture->n_leds; k++)
             job->uses[fill[picture->leds[k].light]++] = (struct use){
                 p, picture->leds[k].channel,
-                sim_world_weight(job->scene, picture->leds, picture->n_leds, k)};
+                sim_world_weight(job->scene, &picture->leds[k], lit)};
     }
 }
 
@@ -219,11 +220,12 @@ static void finish(struct job *job)
 static void replay(const struct sim_scene *scene, uint32_t camera, const struct sim_picture *p)
 {
     size_t n = (size_t)scene->view[camera].width * scene->view[camera].height;
+    uint32_t lit = sim_world_lit(p->leds, p->n_leds);
     for (size_t at = 0; at < n; at += SIM_TILE_PX) {
         float sum[SIM_TILE_PX] = {0};
         size_t count = n - at < SIM_TILE_PX ? n - at : SIM_TILE_PX;
         for (uint32_t k = 0; k < p->n_leds; k++) {
-            float weight = sim_picture_scale * sim_world_weight(scene, p->leds, p->n_leds, k);
+            float weight = sim_picture_scale * sim_world_weight(scene, &p->leds[k], lit);
             const float *image = scene->replay + p->leds[k].light * n + at;
             for (size_t i = 0; i < count; i++)
                 sum[i] += weight * image[i];

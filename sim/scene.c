@@ -223,12 +223,12 @@ double sim_scene_gain(const struct sim_scene *scene, uint32_t light, uint32_t ch
     return scene->gain[(size_t)channel * scene->geometry.n_lights + light];
 }
 
-double sim_scene_droop(const struct sim_scene *scene, uint32_t channel, double load)
+double sim_scene_droop(const struct sim_scene *scene, uint32_t channel, uint32_t n_lit)
 {
     uint32_t n = scene->geometry.n_lights;
-    if (n < 2 || load <= 1 || scene->kind == SIM_WORLD_REPLAY)
+    if (n < 2 || n_lit <= 1 || scene->kind == SIM_WORLD_REPLAY)
         return 1;
-    return 1 + (scene->config.channels[channel].droop - 1) * (load - 1) / (n - 1);
+    return 1 + (scene->config.channels[channel].droop - 1) * (n_lit - 1.0) / (n - 1);
 }
 
 double sim_scene_quantise(const struct sim_scene *scene, double duty)
@@ -243,18 +243,16 @@ double sim_world_rate(const struct sim_view_config *view)
     return 0.5 / (0.9 / M_PI * view->white_exposure_us * 1e-6);
 }
 
-static double load_of(const struct sim_led *leds, uint32_t n)
+float sim_world_weight(const struct sim_scene *scene, const struct sim_led *led, uint32_t n_lit)
 {
-    double load = 0;
-    for (uint32_t k = 0; k < n; k++)
-        load += leds[k].duty;
-    return load;
+    return (float)(led->duty * sim_scene_gain(scene, led->light, led->channel) /
+                   sim_scene_droop(scene, led->channel, n_lit));
 }
 
-float sim_world_weight(const struct sim_scene *scene, const struct sim_led *leds, uint32_t n_leds,
-                       uint32_t k)
+uint32_t sim_world_lit(const struct sim_led *leds, uint32_t n_leds)
 {
-    const struct sim_led *led = &leds[k];
-    return (float)(led->duty * sim_scene_gain(scene, led->light, led->channel) /
-                   sim_scene_droop(scene, led->channel, load_of(leds, n_leds)));
+    uint32_t lit = 0;
+    for (uint32_t k = 0; k < n_leds; k++)
+        lit += leds[k].duty > 0;
+    return lit;
 }

@@ -60,9 +60,11 @@ struct sim_scene {
 /** Full scale per second of radiance 1. */
 double sim_world_rate(const struct sim_view_config *view);
 
-/** Weight of one LED of a condition: duty x gain / droop. */
-float sim_world_weight(const struct sim_scene *scene, const struct sim_led *leds, uint32_t n_leds,
-                       uint32_t k);
+/** LEDs of a condition that are not off. */
+uint32_t sim_world_lit(const struct sim_led *leds, uint32_t n_leds);
+
+/** Weight of one LED among @n_lit: duty x gain / droop. */
+float sim_world_weight(const struct sim_scene *scene, const struct sim_led *led, uint32_t n_lit);
 
 /** Factors A (material) and B (flat) of sim_tile_shade's terms for a source at every pixel of a
  * tile; @colour: camera channel, or -1 for each pixel's own of the mosaic. */
