@@ -17,6 +17,7 @@ struct pass {
     const struct ls_tile_region *region;
     size_t width, height; /* of the region, px */
     float *sums;
+    float *rows; /* [LS_TILE_SIDE][n_sums][LS_TILE_SIDE], the sums of one tile, close together */
     struct ls_accumulate_report *report;
     /* for max_error: pictures by rising bound, what is left out of each sum, who is left out */
     struct bound { double most; uint32_t picture; } *order;
@@ -57,11 +58,20 @@ static void run_group(const struct pass *pass, const struct tile *tile, const ui
             rows[i] = i < n ? (const char *)pass->job->pictures[pictures[i]].tiles[tile->index] +
                                   2 * (size_t)y * tile->width
                             : (const void *)zero_row;
-        float *acc = pass->sums + (tile->y + y) * pass->width + tile->x;
-        pass->report->not_finite +=
-            pass->kernel->rows(rows, (const float (*)[GROUP])w, n_sums, tile->width, acc,
-                               pass->width * pass->height);
+        float *acc = pass->rows + (size_t)y * n_sums * LS_TILE_SIDE;
+        pass->report->not_finite += pass->kernel->rows(rows, (const float (*)[GROUP])w, n_sums,
+                                                       tile->width, acc, LS_TILE_SIDE);
     }
+}
+
+static void hand_over(const struct pass *pass, const struct tile *tile)
+{
+    uint32_t n_sums = pass->job->n_sums;
+    for (uint32_t q = 0; q < n_sums; q++)
+        for (uint32_t y = 0; y < tile->height; y++)
+            memcpy(pass->sums + (q * pass->height + tile->y + y) * pass->width + tile->x,
+                   pass->rows + ((size_t)y * n_sums + q) * LS_TILE_SIDE,
+                   sizeof *pass->sums * tile->width);
 }
 
 static int by_bound(const void *a, const void *b)
@@ -114,6 +124,7 @@ static void run_tile(struct pass *pass, const struct tile *tile)
     uint32_t group[GROUP], n = 0;
     if (pass->skip)
         choose_skips(pass, tile);
+    memset(pass->rows, 0, sizeof *pass->rows * tile->height * job->n_sums * LS_TILE_SIDE);
     for (uint32_t i = 0; i < job->n_pictures; i++) {
         if (weightless(job, i) || !job->pictures[i].tiles[tile->index] ||
             (pass->skip && pass->skip[i])) {
@@ -129,6 +140,7 @@ static void run_tile(struct pass *pass, const struct tile *tile)
     }
     if (n > 0)
         run_group(pass, tile, group, n);
+    hand_over(pass, tile);
 }
 
 static void run_tiles(struct pass *pass)
@@ -200,7 +212,11 @@ enum ls_err ls_accumulate_with(const struct ls_accumulate_kernel *kernel,
                         .height = ls_region_height_px(field, region),
                         .sums = sums, .report = report ? report : &unused};
     *pass.report = (struct ls_accumulate_report){0};
-    memset(sums, 0, sizeof *sums * job->n_sums * pass.width * pass.height);
+    LS_CLEANUP_FREE float *rows =
+        calloc((size_t)job->n_sums * LS_TILE_SIDE * LS_TILE_SIDE, sizeof *rows);
+    if (!rows)
+        return ls_fail(diag, LS_ERR_NOMEM, "relight: out of memory");
+    pass.rows = rows;
     if (job->max_error > 0)
         return run_with_skips(&pass, diag);
     run_tiles(&pass);

@@ -47,7 +47,7 @@ struct ls_accumulate_report {
  * of 8 pictures in ascending order, then the partial sums in ascending order, all in float, no
  * fused operations. The F16C + AVX path returns the same bits as the C reference, whatever the
  * region or the number of threads. A stored Inf or NaN counts as 0 and is counted in the report.
- * RT-safe when max_error is 0. Errors: LS_ERR_INVALID (region, a weight that is not finite,
+ * Allocates the sums of one tile. Errors: LS_ERR_INVALID (region, a weight that is not finite,
  * max_error without tile_max), LS_ERR_NOMEM.
  */
 LS_MUST_CHECK enum ls_err ls_accumulate(const struct ls_field *field,
