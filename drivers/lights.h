@@ -184,8 +184,8 @@ LS_MUST_CHECK enum ls_err ls_lights_test(const struct ls_lights_info *info,
  * persists), LS_ERR_STATE (armed: blank first), LS_ERR_TIMEOUT, LS_ERR_GONE. May take minutes:
  * returns once the controller reports ready, and gives up when its progress has stood still for
  * two minutes. */
-LS_MUST_CHECK enum ls_err ls_lights_load(struct ls_lights *lights,
-                                         const struct ls_program *program, struct ls_diag *diag);
+LS_MUST_CHECK enum ls_err ls_lights_load(struct ls_lights *lights, const struct ls_program *program,
+                                         struct ls_diag *diag);
 
 /** Reset step counter and event queue; nothing fires until granted. LS_ERR_STATE if nothing is
  * loaded, LS_ERR_REFUSED if a fault is latched. */

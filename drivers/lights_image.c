@@ -234,9 +234,10 @@ enum ls_err ls_wire_refused(const uint16_t status[LS_WIRE_STATUS_SIZE], const ch
         return ls_fail(diag, LS_ERR_REFUSED, "%s: refused by the controller: it is %s%s%s", doing,
                        state_name(detail), faults[0] ? "; latched: " : "", faults);
     if (reason == LS_WIRE_REFUSED_FAULT)
-        return ls_fail(diag, LS_ERR_REFUSED,
-                       "%s: refused by the controller: latched: %s; remove the cause and load again",
-                       doing, faults);
+        return ls_fail(
+            diag, LS_ERR_REFUSED,
+            "%s: refused by the controller: latched: %s; remove the cause and load again", doing,
+            faults);
     bool known = reason < sizeof reasons / sizeof *reasons && reasons[reason];
     return ls_fail(diag, LS_ERR_REFUSED, "%s: refused by the controller: %s (reason %u, detail %u)",
                    doing, known ? reasons[reason] : "unknown reason", reason, detail);

@@ -176,8 +176,8 @@ static enum ls_err window_test(const struct window *window, const struct ls_ligh
     for (uint32_t k = 0; k < (sphere ? info->n_lights : c->n_leds); k++) {
         const struct ls_led *led = &c->leds[sphere ? 0 : k];
         uint32_t light = sphere ? k : led->light;
-        uint64_t on = window->led[light * info->n_channels + led->channel] +
-                      window->sphere[led->channel];
+        uint64_t on =
+            window->led[light * info->n_channels + led->channel] + window->sphere[led->channel];
         if (on > window->limit)
             return over_duty(window, on, step, light, led->channel, diag);
     }
@@ -198,7 +198,8 @@ static enum ls_err test_duty(const struct ls_lights_info *info, const struct ls_
     for (uint32_t i = 0; i < program->n_steps; i++) {
         const struct ls_step *step = &program->steps[i];
         start = i ? next_start(program, i, start) : start;
-        for (; tail_start + SECOND_US <= start; tail_start = next_start(program, tail, tail_start)) {
+        for (; tail_start + SECOND_US <= start;
+             tail_start = next_start(program, tail, tail_start)) {
             const struct ls_step *old = &program->steps[tail++];
             window_add(window, info, &program->conditions[old->condition], -(int64_t)old->pulse_us);
         }
@@ -226,9 +227,9 @@ static enum ls_err test_capacity(const struct ls_lights_info *info,
         return ls_fail(diag, LS_ERR_LIMIT, "%u steps: %u more than the controller's %u",
                        program->n_steps, program->n_steps - info->max_steps, info->max_steps);
     if (program->period_us < info->min_period_us)
-        return ls_fail(diag, LS_ERR_LIMIT,
-                       "period %u us: %u us shorter than the controller's %u us", program->period_us,
-                       info->min_period_us - program->period_us, info->min_period_us);
+        return ls_fail(
+            diag, LS_ERR_LIMIT, "period %u us: %u us shorter than the controller's %u us",
+            program->period_us, info->min_period_us - program->period_us, info->min_period_us);
     if (program->period_us > MAX_TIME_US)
         return ls_fail(diag, LS_ERR_INVALID, "period %u us: expected at most %u",
                        program->period_us, MAX_TIME_US);

@@ -57,22 +57,22 @@ enum {
     LS_WIRE_ST_STATE = 0,
     LS_WIRE_ST_FAULTS = 1,
     LS_WIRE_ST_FLAGS = 2,
-    LS_WIRE_ST_TEMPERATURE = 3,   /* signed, degrees Celsius */
-    LS_WIRE_ST_BOOT = 4,          /* 2: as in the identity */
-    LS_WIRE_ST_ARM = 6,           /* 1: counts arms since power-up, wraps */
-    LS_WIRE_ST_PROGRESS = 7,      /* 1: of the preparation, permille */
-    LS_WIRE_ST_NOW_US = 8,        /* 4: controller clock */
-    LS_WIRE_ST_FIRED = 12,        /* 2: pulses started since arm */
-    LS_WIRE_ST_GRANTED = 14,      /* 2 */
-    LS_WIRE_ST_MISSED = 16,       /* 2 */
-    LS_WIRE_ST_EVENTS_LOST = 18,  /* 2: since arm */
-    LS_WIRE_ST_REFUSAL = 20,      /* 1: why the last refused request was refused */
-    LS_WIRE_ST_DETAIL = 22,       /* 2: index the refusal is about */
-    LS_WIRE_ST_PROGRAM_CRC = 24,  /* 2: of the committed program, 0 if none */
-    LS_WIRE_ST_EVENT_FIRST = 26,  /* 2: sequence number of the first event below */
-    LS_WIRE_ST_EVENT_COUNT = 28,  /* 1: events below, [0, LS_WIRE_EVENTS_PER_READ] */
+    LS_WIRE_ST_TEMPERATURE = 3,    /* signed, degrees Celsius */
+    LS_WIRE_ST_BOOT = 4,           /* 2: as in the identity */
+    LS_WIRE_ST_ARM = 6,            /* 1: counts arms since power-up, wraps */
+    LS_WIRE_ST_PROGRESS = 7,       /* 1: of the preparation, permille */
+    LS_WIRE_ST_NOW_US = 8,         /* 4: controller clock */
+    LS_WIRE_ST_FIRED = 12,         /* 2: pulses started since arm */
+    LS_WIRE_ST_GRANTED = 14,       /* 2 */
+    LS_WIRE_ST_MISSED = 16,        /* 2 */
+    LS_WIRE_ST_EVENTS_LOST = 18,   /* 2: since arm */
+    LS_WIRE_ST_REFUSAL = 20,       /* 1: why the last refused request was refused */
+    LS_WIRE_ST_DETAIL = 22,        /* 2: index the refusal is about */
+    LS_WIRE_ST_PROGRAM_CRC = 24,   /* 2: of the committed program, 0 if none */
+    LS_WIRE_ST_EVENT_FIRST = 26,   /* 2: sequence number of the first event below */
+    LS_WIRE_ST_EVENT_COUNT = 28,   /* 1: events below, [0, LS_WIRE_EVENTS_PER_READ] */
     LS_WIRE_ST_EVENT_PENDING = 29, /* 1: events in the queue, those below included */
-    LS_WIRE_ST_EVENTS = 30,       /* LS_WIRE_EVENTS_PER_READ records */
+    LS_WIRE_ST_EVENTS = 30,        /* LS_WIRE_EVENTS_PER_READ records */
     LS_WIRE_EVENTS_PER_READ = 9,
     LS_WIRE_STATUS_SIZE = 120,
 };
@@ -91,13 +91,13 @@ enum {
  * sign of life from the host. */
 enum {
     LS_WIRE_CONTROL = 0x0200,
-    LS_WIRE_CT_COMMAND = 0,    /* 1: enum ls_wire_command */
-    LS_WIRE_CT_GRANT = 2,      /* 2: steps [0, value) since arm may fire; releases a held step */
-    LS_WIRE_CT_ACK = 4,        /* 2: events with smaller sequence numbers have been read */
-    LS_WIRE_CT_BYTES = 8,      /* 2: size of the program image */
-    LS_WIRE_CT_CRC = 10,       /* 2: its CRC-32C as the host computed it */
+    LS_WIRE_CT_COMMAND = 0,     /* 1: enum ls_wire_command */
+    LS_WIRE_CT_GRANT = 2,       /* 2: steps [0, value) since arm may fire; releases a held step */
+    LS_WIRE_CT_ACK = 4,         /* 2: events with smaller sequence numbers have been read */
+    LS_WIRE_CT_BYTES = 8,       /* 2: size of the program image */
+    LS_WIRE_CT_CRC = 10,        /* 2: its CRC-32C as the host computed it */
     LS_WIRE_CT_CONDITIONS = 12, /* 2 */
-    LS_WIRE_CT_STEPS = 14,     /* 2 */
+    LS_WIRE_CT_STEPS = 14,      /* 2 */
     LS_WIRE_CONTROL_SIZE = 16,
     /* read only: CRC-32C of the first CT_BYTES bytes of program memory as it stands */
     LS_WIRE_IMAGE_CRC = 0x0220,
@@ -116,7 +116,7 @@ enum {
 };
 
 enum ls_wire_command {
-    LS_WIRE_COMMIT = 1,       /* check the image against CT_*, then get ready */
+    LS_WIRE_COMMIT = 1, /* check the image against CT_*, then get ready */
     LS_WIRE_ARM = 2,
     LS_WIRE_BLANK = 3,        /* always accepted */
     LS_WIRE_CLEAR_FAULTS = 4, /* refused while a cause persists */
@@ -155,18 +155,18 @@ enum ls_wire_flag {
 
 enum ls_wire_refusal {
     LS_WIRE_REFUSED_NOT = 0,
-    LS_WIRE_REFUSED_STATE = 1,       /* not in this state; detail: state */
-    LS_WIRE_REFUSED_FAULT = 2,       /* a fault is latched; detail: fault bits */
-    LS_WIRE_REFUSED_VALUE = 3,       /* unknown command, grant beyond the program, window shape */
-    LS_WIRE_REFUSED_CRC = 4,         /* detail: CRC found */
-    LS_WIRE_REFUSED_COUNTS = 5,      /* image header disagrees with CT_*, or over capacity */
-    LS_WIRE_REFUSED_FORMAT = 6,      /* detail: register offset in the image */
-    LS_WIRE_REFUSED_LIGHT = 7,       /* light out of range; detail: condition */
-    LS_WIRE_REFUSED_CHANNEL = 8,     /* detail: condition */
-    LS_WIRE_REFUSED_CURRENT = 9,     /* detail: condition; latches OVERCURRENT */
-    LS_WIRE_REFUSED_CONDITION = 10,  /* step of an unknown condition; detail: step */
-    LS_WIRE_REFUSED_PULSE = 11,      /* detail: step; as all below, latches PROGRAM */
-    LS_WIRE_REFUSED_PWM = 12,        /* dimmed pulse is no multiple of the PWM period; step */
+    LS_WIRE_REFUSED_STATE = 1,      /* not in this state; detail: state */
+    LS_WIRE_REFUSED_FAULT = 2,      /* a fault is latched; detail: fault bits */
+    LS_WIRE_REFUSED_VALUE = 3,      /* unknown command, grant beyond the program, window shape */
+    LS_WIRE_REFUSED_CRC = 4,        /* detail: CRC found */
+    LS_WIRE_REFUSED_COUNTS = 5,     /* image header disagrees with CT_*, or over capacity */
+    LS_WIRE_REFUSED_FORMAT = 6,     /* detail: register offset in the image */
+    LS_WIRE_REFUSED_LIGHT = 7,      /* light out of range; detail: condition */
+    LS_WIRE_REFUSED_CHANNEL = 8,    /* detail: condition */
+    LS_WIRE_REFUSED_CURRENT = 9,    /* detail: condition; latches OVERCURRENT */
+    LS_WIRE_REFUSED_CONDITION = 10, /* step of an unknown condition; detail: step */
+    LS_WIRE_REFUSED_PULSE = 11,     /* detail: step; as all below, latches PROGRAM */
+    LS_WIRE_REFUSED_PWM = 12,       /* dimmed pulse is no multiple of the PWM period; step */
     LS_WIRE_REFUSED_PERIOD = 13,
     LS_WIRE_REFUSED_DUTY = 14,       /* detail: step; latches OVERDUTY */
     LS_WIRE_REFUSED_UNPREPARED = 15, /* the preparation failed */

@@ -68,8 +68,7 @@ static const struct sim_key camera_keys[] = {
     {"prnu", SIM_KEY_DOUBLE, SIM_RANGE(struct camera, view.prnu, 0, 0.5)},
     {"hot_per_mpixel", SIM_KEY_DOUBLE, SIM_RANGE(struct camera, view.hot_per_mpixel, 0, 1e6)},
     {"ambient", SIM_KEY_DOUBLE, SIM_RANGE(struct camera, view.ambient, 0, 1e6)},
-    {"white_exposure_us", SIM_KEY_DOUBLE,
-     SIM_RANGE(struct camera, view.white_exposure_us, 1, 1e8)},
+    {"white_exposure_us", SIM_KEY_DOUBLE, SIM_RANGE(struct camera, view.white_exposure_us, 1, 1e8)},
     {"exposure_offset_us", SIM_KEY_DOUBLE,
      SIM_RANGE(struct camera, view.exposure_offset_us, 0, 1e4)},
     {"pixel_format", SIM_KEY_STRING, SIM_FIELD(struct camera, pixel_format)},
@@ -186,7 +185,8 @@ static void derive(struct sim_config *config)
     }
     config->controller.n_lights = config->scene.n_lights;
     config->controller.n_channels = config->scene.n_channels;
-    config->controller.pwm_levels = (config->scene.pwm_levels ? config->scene.pwm_levels : 65535) + 1;
+    config->controller.pwm_levels =
+        (config->scene.pwm_levels ? config->scene.pwm_levels : 65535) + 1;
 }
 
 void sim_config_defaults(struct sim_config *config)
@@ -240,8 +240,10 @@ static enum ls_err set_pixel_format(const config_setting_t *s, struct camera *ca
 {
     static const struct {
         const char *cfa, *prefix, *first;
-    } orders[] = {{"RG", "BayerRG", "BayerRG8"}, {"GR", "BayerGR", "BayerGR8"},
-                  {"GB", "BayerGB", "BayerGB8"}, {"BG", "BayerBG", "BayerBG8"},
+    } orders[] = {{"RG", "BayerRG", "BayerRG8"},
+                  {"GR", "BayerGR", "BayerGR8"},
+                  {"GB", "BayerGB", "BayerGB8"},
+                  {"BG", "BayerBG", "BayerBG8"},
                   {"mono", "Mono", "Mono8"}};
     for (size_t i = 0; i < sizeof orders / sizeof *orders; i++) {
         if (strcmp(orders[i].cfa, camera->view.cfa))
@@ -249,8 +251,9 @@ static enum ls_err set_pixel_format(const config_setting_t *s, struct camera *ca
         const char *name = camera->pixel_format[0] ? camera->pixel_format : orders[i].first;
         const struct ls_pixel_format *format = ls_pixel_by_name(name);
         if (!format || strncmp(name, orders[i].prefix, strlen(orders[i].prefix)))
-            return sim_config_fail(s, diag, "pixel_format: \"%s\": expected a %s... format, e.g. %s",
-                                   name, orders[i].prefix, orders[i].first);
+            return sim_config_fail(s, diag,
+                                   "pixel_format: \"%s\": expected a %s... format, e.g. %s", name,
+                                   orders[i].prefix, orders[i].first);
         camera->wire.pixel_format = format->code;
         return LS_OK;
     }
@@ -300,8 +303,8 @@ static enum ls_err read_cameras(const config_setting_t *s, struct sim_config *co
     return err;
 }
 
-static enum ls_err add_pulses(const config_setting_t *s, uint64_t *pulses, const struct fault *fault,
-                              struct ls_diag *diag)
+static enum ls_err add_pulses(const config_setting_t *s, uint64_t *pulses,
+                              const struct fault *fault, struct ls_diag *diag)
 {
     uint32_t n = 0;
     while (n < SIM_CAMERA_MAX_FAULTS && pulses[n])

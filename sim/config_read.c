@@ -78,8 +78,8 @@ static enum ls_err read_vector(const config_setting_t *s, const struct sim_key *
     for (unsigned i = 0; three && i < 3; i++)
         three = is_number(config_setting_get_elem(s, i));
     if (!three)
-        return sim_config_fail(s, diag, "%s: expected three numbers in metres, e.g. [0.0, 0.0, 1.6]",
-                               key->name);
+        return sim_config_fail(
+            s, diag, "%s: expected three numbers in metres, e.g. [0.0, 0.0, 1.6]", key->name);
     for (unsigned i = 0; i < 3; i++)
         ((double *)field)[i] = number_of(config_setting_get_elem(s, i));
     return LS_OK;

@@ -77,8 +77,8 @@ static enum ls_err allocate(struct sim_controller *c, struct ls_diag *diag)
     c->memory = calloc(c->config.max_program_bytes / 2 + LS_WIRE_WINDOW_DATA, sizeof *c->memory);
     c->events = calloc(c->config.event_queue, sizeof *c->events);
     c->modbus = modbus_new_tcp(NULL, 0);
-    c->map = modbus_mapping_new_start_address(0, 0, 0, 0, 0, LS_WIRE_WINDOW + LS_WIRE_WINDOW_SIZE, 0,
-                                              0);
+    c->map =
+        modbus_mapping_new_start_address(0, 0, 0, 0, 0, LS_WIRE_WINDOW + LS_WIRE_WINDOW_SIZE, 0, 0);
     c->kick_fd = eventfd(0, EFD_CLOEXEC | EFD_NONBLOCK);
     if (!c->memory || !c->events || !c->modbus || !c->map || c->kick_fd < 0)
         return ls_fail(diag, LS_ERR_NOMEM, "controller: out of memory");

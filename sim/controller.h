@@ -23,8 +23,8 @@ enum sim_controller_fault_kind {
     SIM_CONTROLLER_DISCONNECT, /* every TCP connection is closed after step at */
     SIM_CONTROLLER_INTERLOCK,  /* opens before step at; closes again after value ms, 0 = never */
     SIM_CONTROLLER_ESTOP,      /* as interlock, of the emergency stop */
-    SIM_CONTROLLER_DEAD,       /* no request is answered after step at, for value ms, 0 = for ever */
-    SIM_CONTROLLER_CORRUPT,    /* the next count window writes lose a bit */
+    SIM_CONTROLLER_DEAD,    /* no request is answered after step at, for value ms, 0 = for ever */
+    SIM_CONTROLLER_CORRUPT, /* the next count window writes lose a bit */
 };
 
 struct sim_controller_fault {
@@ -72,8 +72,8 @@ struct sim_controller_hooks {
      * refuses the program. */
     enum ls_err (*commit)(void *user, const struct sim_condition *conditions, uint32_t n,
                           _Atomic uint32_t *progress, struct ls_diag *diag);
-    void (*pulse)(void *user, const struct sim_pulse *pulse);            /* engine thread */
-    void (*release)(void *user, uint64_t true_ns, uint32_t step);        /* engine thread */
+    void (*pulse)(void *user, const struct sim_pulse *pulse);     /* engine thread */
+    void (*release)(void *user, uint64_t true_ns, uint32_t step); /* engine thread */
     void (*dark)(void *user, uint64_t true_ns); /* blank or fault cut a pulse short; any thread */
 };
 

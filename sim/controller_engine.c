@@ -106,8 +106,7 @@ static void light(struct sim_controller *c, const struct sim_step *step, uint64_
                               .step = c->fired,
                               .condition = step->condition,
                               .hold = step->flags & LS_WIRE_STEP_HOLD};
-    pulse.pulse_us =
-        (double)(true_of(c, start_us + step->pulse_us) - pulse.true_ns) / 1e3;
+    pulse.pulse_us = (double)(true_of(c, start_us + step->pulse_us) - pulse.true_ns) / 1e3;
     c->lit = true;
     c->holding = pulse.hold;
     c->fired++;

@@ -39,22 +39,22 @@ struct sim_controller {
 
     uint16_t arm;
     uint32_t fired, granted, missed;
-    uint32_t releases;   /* grants and releases since arm */
-    uint64_t credit_us;  /* when the step the engine waits for was granted */
-    uint64_t alive_ns;   /* last sign of life */
+    uint32_t releases;  /* grants and releases since arm */
+    uint64_t credit_us; /* when the step the engine waits for was granted */
+    uint64_t alive_ns;  /* last sign of life */
     bool lit, holding;
     uint64_t interlock_until_ns, estop_until_ns; /* open until; UINT64_MAX: for ever */
     uint64_t dead_until_ns;
     bool disconnect; /* asked of the server by the engine */
 
-    struct sim_event *events; /* ring of config.event_queue */
+    struct sim_event *events;         /* ring of config.event_queue */
     uint32_t event_first, event_next; /* sequence numbers; [first, next) are kept */
     uint32_t events_lost;
 
     int listen_fd, kick_fd; /* kick_fd: faults, quit */
     unsigned port;
-    modbus_t *modbus;         /* server thread only */
-    modbus_mapping_t *map;    /* server thread only */
+    modbus_t *modbus;      /* server thread only */
+    modbus_mapping_t *map; /* server thread only */
     pthread_t server, engine, preparation;
     unsigned n_threads;
 };

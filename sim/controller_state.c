@@ -249,10 +249,10 @@ static void fill_limits(const struct sim_controller *c, uint16_t *regs)
 {
     const struct sim_controller_config *g = &c->config;
     const uint32_t limits[LS_WIRE_LIMITS_SIZE / 2] = {
-        g->n_lights,       g->n_channels,     g->pwm_period_us,  g->pwm_levels,
-        g->min_pulse_us,   g->max_pulse_us,   g->min_period_us,  g->max_duty_permille,
-        g->max_current_ma, g->led_current_ma, g->max_conditions, g->max_steps,
-        g->max_program_bytes, g->max_hold_us, g->heartbeat_ms};
+        g->n_lights,          g->n_channels,     g->pwm_period_us,  g->pwm_levels,
+        g->min_pulse_us,      g->max_pulse_us,   g->min_period_us,  g->max_duty_permille,
+        g->max_current_ma,    g->led_current_ma, g->max_conditions, g->max_steps,
+        g->max_program_bytes, g->max_hold_us,    g->heartbeat_ms};
     for (unsigned i = 0; i < LS_WIRE_LIMITS_SIZE / 2; i++)
         ls_wire_put32(regs + 2 * i, limits[i]);
 }

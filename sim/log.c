@@ -52,8 +52,8 @@ void sim_log_exposure(struct sim_log *log, const struct sim_exposure *exposure, 
         exposure->camera, frame_id, camera_ns, exposure->true_ns, exposure->exposure_us,
         exposure->lit_us, index_or_none(exposure->step), index_or_none(exposure->condition),
         kinds[shown->kind], shown->n_leds, shown->n_leds == 1 ? shown->first.light : -1,
-        shown->n_leds ? shown->first.channel : -1,
-        shown->n_leds ? (double)shown->first.duty : -1.0, shown->hash, fates[fate]);
+        shown->n_leds ? shown->first.channel : -1, shown->n_leds ? (double)shown->first.duty : -1.0,
+        shown->hash, fates[fate]);
     if (write(log->fd, line, (size_t)n) != n && !atomic_exchange(&log->failed, errno ? errno : EIO))
         fprintf(stderr, "lightstage-sim: writing the log: %s\n", strerror(log->failed));
 }

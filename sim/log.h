@@ -27,8 +27,7 @@ LS_MUST_CHECK enum ls_err sim_log_open(const char *path, struct sim_log **out,
 
 /** One line. A failed write is reported to stderr once and makes sim_log_close fail. */
 void sim_log_exposure(struct sim_log *log, const struct sim_exposure *exposure, uint64_t frame_id,
-                      uint64_t camera_ns, const struct sim_shown *shown,
-                      enum sim_camera_fate fate);
+                      uint64_t camera_ns, const struct sim_shown *shown, enum sim_camera_fate fate);
 
 /** LS_ERR_OS if a line was lost. NULL is allowed. */
 LS_MUST_CHECK enum ls_err sim_log_close(struct sim_log *log, struct ls_diag *diag);

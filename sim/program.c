@@ -56,9 +56,9 @@ static int measure(struct reader *r, uint32_t *n_leds, size_t *n_regs)
     uint32_t count = kind >= LS_WIRE_CONDITION_SEGMENT ? r->image[r->at + 1] : 0;
     bool counted = kind >= LS_WIRE_CONDITION_SEGMENT;
     *n_regs = head[kind] + (size_t)count * (kind == LS_WIRE_CONDITION_LIST ? 3 : 1);
-    *n_leds = counted                             ? count
+    *n_leds = counted                            ? count
               : kind == LS_WIRE_CONDITION_SPHERE ? r->config->n_lights
-                                                  : kind == LS_WIRE_CONDITION_ONE;
+                                                 : kind == LS_WIRE_CONDITION_ONE;
     if (*n_regs > left || (counted && !count) ||
         count > r->config->n_lights * r->config->n_channels)
         return malformed(r);
@@ -169,10 +169,9 @@ static int read_steps(struct reader *r, struct sim_program *p)
         return no_memory(r);
     for (uint32_t i = 0; i < p->n_steps; i++, r->at += LS_WIRE_STEP_SIZE) {
         const uint16_t *record = r->image + r->at;
-        p->steps[i] = (struct sim_step){record[LS_WIRE_STEP_CONDITION],
-                                        ls_wire_get32(record + LS_WIRE_STEP_PULSE_US),
-                                        ls_wire_get32(record + LS_WIRE_STEP_SETTLE_US),
-                                        record[LS_WIRE_STEP_FLAGS]};
+        p->steps[i] = (struct sim_step){
+            record[LS_WIRE_STEP_CONDITION], ls_wire_get32(record + LS_WIRE_STEP_PULSE_US),
+            ls_wire_get32(record + LS_WIRE_STEP_SETTLE_US), record[LS_WIRE_STEP_FLAGS]};
         if (check_step(r, p, i))
             return -1;
     }

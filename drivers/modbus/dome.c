@@ -12,9 +12,9 @@ enum { STUCK_MS = 120000, WAIT_MS = 5 };
 struct dome {
     struct ls_link link;
     struct ls_lights_info info;
-    uint32_t boot;      /* of the controller we armed */
-    uint16_t arm;       /* its count of arms, then */
-    bool armed;         /* boot and arm must hold from now on */
+    uint32_t boot;       /* of the controller we armed */
+    uint16_t arm;        /* its count of arms, then */
+    bool armed;          /* boot and arm must hold from now on */
     uint32_t next_event; /* sequence number */
 };
 

@@ -54,8 +54,8 @@ static enum ls_err lost(struct ls_link *link, const char *doing, int error, stru
                        "controller %s port %u: %s: no answer within %u ms; is it powered and is "
                        "this its address?",
                        link->host, link->port, doing, link->timeout_ms);
-    return ls_fail(diag, LS_ERR_GONE, "controller %s port %u: %s: %s", link->host, link->port, doing,
-                   modbus_strerror(error));
+    return ls_fail(diag, LS_ERR_GONE, "controller %s port %u: %s: %s", link->host, link->port,
+                   doing, modbus_strerror(error));
 }
 
 enum ls_err ls_link_connect(struct ls_link *link, struct ls_diag *diag)

@@ -69,8 +69,8 @@ struct dome dome_start(const struct sim_controller_config *config)
 {
     struct dome dome = {0};
     int ready[2], hold[2];
-    dome.log = mmap(NULL, sizeof *dome.log, PROT_READ | PROT_WRITE, MAP_SHARED | MAP_ANONYMOUS, -1,
-                    0);
+    dome.log =
+        mmap(NULL, sizeof *dome.log, PROT_READ | PROT_WRITE, MAP_SHARED | MAP_ANONYMOUS, -1, 0);
     g_assert_true(dome.log != MAP_FAILED);
     g_assert_no_errno(pipe(ready));
     g_assert_no_errno(pipe(hold));

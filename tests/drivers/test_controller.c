@@ -75,9 +75,17 @@ static void test_latched(void)
         uint32_t pulse_us, period_us;
         uint16_t reason, faults;
     } over[] = {
-        {{0, 0, 65535}, LS_CONDITION_SPHERE, 100, 1000, LS_WIRE_REFUSED_CURRENT,
+        {{0, 0, 65535},
+         LS_CONDITION_SPHERE,
+         100,
+         1000,
+         LS_WIRE_REFUSED_CURRENT,
          LS_WIRE_FAULT_OVERCURRENT},
-        {{0, 0, 65535}, LS_CONDITION_ONE, 300000, 1000, LS_WIRE_REFUSED_DUTY,
+        {{0, 0, 65535},
+         LS_CONDITION_ONE,
+         300000,
+         1000,
+         LS_WIRE_REFUSED_DUTY,
          LS_WIRE_FAULT_OVERDUTY},
         {{0, 0, 65535}, LS_CONDITION_ONE, 10, 1000, LS_WIRE_REFUSED_PULSE, LS_WIRE_FAULT_PROGRAM},
         {{0, 0, 65535}, LS_CONDITION_ONE, 100, 500, LS_WIRE_REFUSED_PERIOD, LS_WIRE_FAULT_PROGRAM},
@@ -143,7 +151,7 @@ static void test_registers(void)
     struct sim_controller_config config = dome_small();
     struct bench b = bench_open(&config);
     uint16_t regs[125] = {0};
-    const unsigned outside[][2] = {{24, 1}, {20, 5}, {0x40, 31}, {0x100, 121}, {0x210, 1},
+    const unsigned outside[][2] = {{24, 1},    {20, 5},    {0x40, 31}, {0x100, 121}, {0x210, 1},
                                    {0x222, 1}, {0x37b, 1}, {65535, 1}, {65530, 100}};
     for (size_t i = 0; i < G_N_ELEMENTS(outside); i++)
         g_assert_cmpint(ls_link_read(&b.link, outside[i][0], outside[i][1], regs, NULL), ==,
@@ -181,7 +189,13 @@ static void test_garbage(void)
         for (size_t k = 0; k < n; k++)
             bytes[k] = (uint8_t)g_test_rand_int_range(0, 256);
         if (i % 2 && n > 12) { /* a plausible header with a hostile body */
-            const uint8_t head[] = {0, 1, 0, 0, (uint8_t)((n - 6) >> 8), (uint8_t)(n - 6), 1,
+            const uint8_t head[] = {0,
+                                    1,
+                                    0,
+                                    0,
+                                    (uint8_t)((n - 6) >> 8),
+                                    (uint8_t)(n - 6),
+                                    1,
                                     (const uint8_t[]){3, 6, 16, 23, 1, 43}[i / 2 % 6]};
             memcpy(bytes, head, sizeof head);
         }

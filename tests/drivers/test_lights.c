@@ -20,8 +20,8 @@ static const struct ls_led led_sphere[] = {{0, 0, 40000}};
 static const struct ls_led led_segment[] = {{1, 2, 65535}, {5, 2, 65535}};
 static const struct ls_led led_list[] = {{0, 0, 65535}, {11, 1, 20000}, {2, 2, 1}};
 static const struct ls_condition conditions[] = {
-    {LS_CONDITION_DARK, 0, NULL},          {LS_CONDITION_ONE, 1, led_full},
-    {LS_CONDITION_ONE, 1, led_dim},        {LS_CONDITION_SPHERE, 1, led_sphere},
+    {LS_CONDITION_DARK, 0, NULL},           {LS_CONDITION_ONE, 1, led_full},
+    {LS_CONDITION_ONE, 1, led_dim},         {LS_CONDITION_SPHERE, 1, led_sphere},
     {LS_CONDITION_SEGMENT, 2, led_segment}, {LS_CONDITION_LIST, 3, led_list},
 };
 enum { N_CONDITIONS = G_N_ELEMENTS(conditions), MAX_STEPS = 4096 };
@@ -156,11 +156,8 @@ static void test_mute_peer(gconstpointer data)
     g_assert_no_errno(listen(fd, 4));
     g_assert_no_errno(getsockname(fd, (struct sockaddr *)&sa, &len));
     unsigned port = g_ntohs(((uint16_t *)&sa)[1]);
-    struct ls_lights_config lc = {.driver = driver->name,
-                                  .address = "127.0.0.1",
-                                  .port = port,
-                                  .unit = 1,
-                                  .timeout_ms = 100};
+    struct ls_lights_config lc = {
+        .driver = driver->name, .address = "127.0.0.1", .port = port, .unit = 1, .timeout_ms = 100};
     struct ls_lights *lights;
     struct ls_diag diag = {0};
     gint64 start = g_get_monotonic_time();
@@ -323,8 +320,8 @@ static void test_hold(gconstpointer driver)
     config.max_hold_us = 60000;
     struct dome dome = dome_start(&config);
     struct ls_lights *lights = open_dome(driver, &dome);
-    struct ls_step steps[3] = {{1, 100, 0, LS_STEP_HOLD}, {1, 100, 0, LS_STEP_HOLD},
-                               {1, 100, 0, LS_STEP_HOLD}};
+    struct ls_step steps[3] = {
+        {1, 100, 0, LS_STEP_HOLD}, {1, 100, 0, LS_STEP_HOLD}, {1, 100, 0, LS_STEP_HOLD}};
     struct ls_program program = {conditions, N_CONDITIONS, steps, 3, 2000};
     struct ls_step_event events[3];
     load(lights, &program);

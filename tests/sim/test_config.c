@@ -118,8 +118,8 @@ static void test_refused(void)
         {"cameras = ( { pixel_format = \"Mono8\"; } );", ":1:", "expected a BayerRG... format"},
         {"cameras = ( { cfa = \"RGB\"; } );", ":1:", "cfa: \"RGB\": expected one of: RG"},
         {"controller = { max_duty_permille = 1001; };", ":1:", "1..1000"},
-        {"controller = { serial = \"a serial that is longer than the register block\"; };", ":1:",
-         "at most 31 characters"},
+        {"controller = { serial = \"a serial that is longer than the register block\"; };",
+         ":1:", "at most 31 characters"},
         {"faults = ( { at = 3; } );", ":1:", "fault without a kind"},
         {"faults = ( { kind = \"drop_puls\"; } );", ":1:", "expected one of: stall"},
         {"faults = ( { kind = \"drop_pulse\"; at = 0; } );", ":1:", "at = 1 or more"},
@@ -155,10 +155,13 @@ static char **keys_of(const char *text)
 
 static void test_documented(void)
 {
-    static const char *const groups[] = {
-        "x_ = 1;", "scene = { x_ = 1; };", "scene = { channels = ( { x_ = 1; } ); };",
-        "cameras = ( { x_ = 1; } );", "controller = { x_ = 1; };", "faults = ( { x_ = 1; } );",
-        "faults = ( { kind = \"x_\"; } );"};
+    static const char *const groups[] = {"x_ = 1;",
+                                         "scene = { x_ = 1; };",
+                                         "scene = { channels = ( { x_ = 1; } ); };",
+                                         "cameras = ( { x_ = 1; } );",
+                                         "controller = { x_ = 1; };",
+                                         "faults = ( { x_ = 1; } );",
+                                         "faults = ( { kind = \"x_\"; } );"};
     char *path = g_build_filename(g_getenv("LS_SOURCE_ROOT"), "sim", "README.md", NULL);
     char *page = NULL;
     g_assert_true(g_file_get_contents(path, &page, NULL, NULL));

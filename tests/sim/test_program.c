@@ -57,9 +57,9 @@ static void random_condition(struct ls_condition *c, struct ls_led *leds, bool w
 {
     c->kind = (enum ls_condition_kind)below(5);
     c->leds = leds;
-    c->n_leds = c->kind == LS_CONDITION_DARK                                      ? 0
+    c->n_leds = c->kind == LS_CONDITION_DARK                                    ? 0
                 : c->kind == LS_CONDITION_ONE || c->kind == LS_CONDITION_SPHERE ? 1
-                                                                                 : 1 + below(5);
+                                                                                : 1 + below(5);
     uint16_t channel = (uint16_t)below(wild ? 3 : 2);
     uint16_t level = below(2) ? 65535 : (uint16_t)below(65536);
     uint16_t first = (uint16_t)below(wild ? 3 : 2);
@@ -83,8 +83,8 @@ static void random_program(struct random_program *r, bool wild)
                                        .pulse_us = 50 * below(300),
                                        .settle_us = below(2) ? 0 : below(300000),
                                        .flags = below(2)};
-    r->program = (struct ls_program){r->conditions, n, r->steps, n_steps,
-                                     900 + below(wild ? 2000 : 200000)};
+    r->program =
+        (struct ls_program){r->conditions, n, r->steps, n_steps, 900 + below(wild ? 2000 : 200000)};
 }
 
 static void check_decoded(const struct random_program *r, const struct sim_program *p,
@@ -168,24 +168,78 @@ struct limit {
 static void test_limits(void)
 {
     static const struct limit limits[] = {
-        {"current 4200 mA: 700 mA over", LS_WIRE_REFUSED_CURRENT, LS_WIRE_FAULT_OVERCURRENT,
-         {0, 0, 65535}, LS_CONDITION_SPHERE, 100, 1000, 0},
-        {"pulse 40 us: 10 us shorter", LS_WIRE_REFUSED_PULSE, LS_WIRE_FAULT_PROGRAM,
-         {0, 0, 65535}, LS_CONDITION_ONE, 40, 1000, 0},
-        {"pulse 500050 us: 50 us longer", LS_WIRE_REFUSED_PULSE, LS_WIRE_FAULT_PROGRAM,
-         {0, 0, 65535}, LS_CONDITION_ONE, 500050, 1000, 0},
-        {"120 us is 20 us over a whole number", LS_WIRE_REFUSED_PWM, LS_WIRE_FAULT_PROGRAM,
-         {0, 0, 1000}, LS_CONDITION_ONE, 120, 1000, 0},
-        {"period 999 us: 1 us shorter", LS_WIRE_REFUSED_PERIOD, LS_WIRE_FAULT_PROGRAM,
-         {0, 0, 65535}, LS_CONDITION_ONE, 100, 999, 0},
-        {"on for 120.000 ms of a second, 20.000 ms over", LS_WIRE_REFUSED_DUTY,
-         LS_WIRE_FAULT_OVERDUTY, {0, 0, 65535}, LS_CONDITION_ONE, 60000, 1000, 0},
-        {"light 6: expected 0..5", LS_WIRE_REFUSED_LIGHT, LS_WIRE_FAULT_PROGRAM,
-         {6, 0, 65535}, LS_CONDITION_ONE, 100, 1000, 0},
-        {"channel 2: expected 0..1", LS_WIRE_REFUSED_CHANNEL, LS_WIRE_FAULT_PROGRAM,
-         {0, 2, 65535}, LS_CONDITION_ONE, 100, 1000, 0},
-        {"condition 1: expected 0..0", LS_WIRE_REFUSED_CONDITION, LS_WIRE_FAULT_PROGRAM,
-         {0, 0, 65535}, LS_CONDITION_ONE, 100, 1000, 1},
+        {"current 4200 mA: 700 mA over",
+         LS_WIRE_REFUSED_CURRENT,
+         LS_WIRE_FAULT_OVERCURRENT,
+         {0, 0, 65535},
+         LS_CONDITION_SPHERE,
+         100,
+         1000,
+         0},
+        {"pulse 40 us: 10 us shorter",
+         LS_WIRE_REFUSED_PULSE,
+         LS_WIRE_FAULT_PROGRAM,
+         {0, 0, 65535},
+         LS_CONDITION_ONE,
+         40,
+         1000,
+         0},
+        {"pulse 500050 us: 50 us longer",
+         LS_WIRE_REFUSED_PULSE,
+         LS_WIRE_FAULT_PROGRAM,
+         {0, 0, 65535},
+         LS_CONDITION_ONE,
+         500050,
+         1000,
+         0},
+        {"120 us is 20 us over a whole number",
+         LS_WIRE_REFUSED_PWM,
+         LS_WIRE_FAULT_PROGRAM,
+         {0, 0, 1000},
+         LS_CONDITION_ONE,
+         120,
+         1000,
+         0},
+        {"period 999 us: 1 us shorter",
+         LS_WIRE_REFUSED_PERIOD,
+         LS_WIRE_FAULT_PROGRAM,
+         {0, 0, 65535},
+         LS_CONDITION_ONE,
+         100,
+         999,
+         0},
+        {"on for 120.000 ms of a second, 20.000 ms over",
+         LS_WIRE_REFUSED_DUTY,
+         LS_WIRE_FAULT_OVERDUTY,
+         {0, 0, 65535},
+         LS_CONDITION_ONE,
+         60000,
+         1000,
+         0},
+        {"light 6: expected 0..5",
+         LS_WIRE_REFUSED_LIGHT,
+         LS_WIRE_FAULT_PROGRAM,
+         {6, 0, 65535},
+         LS_CONDITION_ONE,
+         100,
+         1000,
+         0},
+        {"channel 2: expected 0..1",
+         LS_WIRE_REFUSED_CHANNEL,
+         LS_WIRE_FAULT_PROGRAM,
+         {0, 2, 65535},
+         LS_CONDITION_ONE,
+         100,
+         1000,
+         0},
+        {"condition 1: expected 0..0",
+         LS_WIRE_REFUSED_CONDITION,
+         LS_WIRE_FAULT_PROGRAM,
+         {0, 0, 65535},
+         LS_CONDITION_ONE,
+         100,
+         1000,
+         1},
     };
     struct sim_controller_config config = small();
     struct ls_lights_info info = info_of(&config);

@@ -155,8 +155,8 @@ static struct stage open_stage(const char *extra)
     must(ls_lights_open(&lights, &s.lights, &diag), &diag);
     must(ls_camera_open(&camera, &s.camera, &diag), &diag);
     must(ls_camera_apply(s.camera, &camera, &diag), &diag);
-    s.memory = mmap(NULL, SLOTS * STRIDE, PROT_READ | PROT_WRITE, MAP_PRIVATE | MAP_ANONYMOUS, -1,
-                    0);
+    s.memory =
+        mmap(NULL, SLOTS * STRIDE, PROT_READ | PROT_WRITE, MAP_PRIVATE | MAP_ANONYMOUS, -1, 0);
     struct ls_camera_slots slots = {s.memory, STRIDE, SLOTS};
     must(ls_camera_start(s.camera, &slots, &diag), &diag);
     return s;
