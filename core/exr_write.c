@@ -21,10 +21,11 @@ static bool grow(struct sink *sink, size_t need)
     if (need <= sink->capacity)
         return true;
     size_t capacity = sink->capacity * 2 > need ? sink->capacity * 2 : need;
-    uint8_t *bytes = realloc(sink->bytes, capacity);
+    uint8_t *bytes = sink->bytes ? realloc(sink->bytes, capacity) : calloc(1, capacity);
     if (!bytes)
         return false;
-    memset(bytes + sink->capacity, 0, capacity - sink->capacity);
+    if (sink->bytes)
+        memset(bytes + sink->capacity, 0, capacity - sink->capacity);
     sink->bytes = bytes;
     sink->capacity = capacity;
     return true;
