@@ -102,8 +102,7 @@ void ls_exr_attrs_m44f(struct ls_exr_attrs *attrs, const char *name, const float
     set_floats(attrs, name, LS_EXR_ATTR_M44F, value, 16);
 }
 
-void ls_exr_attrs_chromaticities(struct ls_exr_attrs *attrs, const char *name,
-                                 const float value[8])
+void ls_exr_attrs_chromaticities(struct ls_exr_attrs *attrs, const char *name, const float value[8])
 {
     set_floats(attrs, name, LS_EXR_ATTR_CHROMATICITIES, value, 8);
 }

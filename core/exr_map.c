@@ -6,17 +6,20 @@
 static enum ls_err check_mappable(const struct ls_exr_layout *layout, struct ls_diag *diag)
 {
     if (!layout->tiled || layout->compression != EXR_COMPRESSION_NONE || layout->n_levels != 1)
-        return ls_fail(diag, LS_ERR_UNSUPPORTED, "OpenEXR: only uncompressed tiles of one level "
+        return ls_fail(diag, LS_ERR_UNSUPPORTED,
+                       "OpenEXR: only uncompressed tiles of one level "
                        "can be used in place; convert with oiiotool --compression none --tile 64 "
                        "64");
     if (layout->channels->num_channels != 1)
-        return ls_fail(diag, LS_ERR_UNSUPPORTED, "OpenEXR: %d channels; only a part with one can "
-                       "be used in place", layout->channels->num_channels);
+        return ls_fail(diag, LS_ERR_UNSUPPORTED,
+                       "OpenEXR: %d channels; only a part with one can "
+                       "be used in place",
+                       layout->channels->num_channels);
     const exr_attr_chlist_entry_t *channel = &layout->channels->entries[0];
     if (channel->x_sampling != 1 || channel->y_sampling != 1 ||
         channel->pixel_type == EXR_PIXEL_UINT)
-        return ls_fail(diag, LS_ERR_UNSUPPORTED, "OpenEXR: channel %s is subsampled or of integer "
-                       "type", channel->name.str);
+        return ls_fail(diag, LS_ERR_UNSUPPORTED,
+                       "OpenEXR: its channel is subsampled or of integer type");
     return LS_OK;
 }
 
@@ -26,17 +29,20 @@ static enum ls_err map_tile(const struct ls_exr_source *source, int part, uint32
     exr_chunk_info_t chunk;
     uint64_t want = (uint64_t)ls_exr_tile_width(tiles, tx) * ls_exr_tile_height(tiles, ty) *
                     (tiles->type == LS_EXR_HALF ? 2 : 4);
-    exr_result_t r = exr_read_tile_chunk_info(source->context, part, (int)tx, (int)ty, 0, 0,
-                                              &chunk);
+    exr_result_t r =
+        exr_read_tile_chunk_info(source->context, part, (int)tx, (int)ty, 0, 0, &chunk);
     if (r)
         return ls_exr_source_fail(source, r, "cannot find a tile", diag);
     if (chunk.packed_size != want)
-        return ls_fail(diag, LS_ERR_INVALID, "OpenEXR: tile (%u, %u) has %llu bytes: expected "
-                       "%llu", tx, ty, (unsigned long long)chunk.packed_size,
-                       (unsigned long long)want);
+        return ls_fail(diag, LS_ERR_INVALID,
+                       "OpenEXR: tile (%u, %u) has %llu bytes: expected "
+                       "%llu",
+                       tx, ty, (unsigned long long)chunk.packed_size, (unsigned long long)want);
     if (chunk.data_offset > source->n || want > source->n - chunk.data_offset)
-        return ls_fail(diag, LS_ERR_INVALID, "OpenEXR: tile (%u, %u) reaches beyond the end of "
-                       "the file: it is truncated", tx, ty);
+        return ls_fail(diag, LS_ERR_INVALID,
+                       "OpenEXR: tile (%u, %u) reaches beyond the end of "
+                       "the file: it is truncated",
+                       tx, ty);
     tiles->tile[(size_t)ty * tiles->n_x + tx] = source->bytes + chunk.data_offset;
     return LS_OK;
 }
@@ -60,8 +66,8 @@ static enum ls_err check_overlap(const struct ls_exr_tiles *tiles, struct ls_dia
     for (size_t k = 0; k < n; k++) {
         extents[k].begin = tiles->tile[k];
         extents[k].end = tiles->tile[k] + sample *
-                         ls_exr_tile_width(tiles, (uint32_t)(k % tiles->n_x)) *
-                         ls_exr_tile_height(tiles, (uint32_t)(k / tiles->n_x));
+                                              ls_exr_tile_width(tiles, (uint32_t)(k % tiles->n_x)) *
+                                              ls_exr_tile_height(tiles, (uint32_t)(k / tiles->n_x));
     }
     qsort(extents, n, sizeof *extents, by_address);
     for (size_t k = 1; k < n; k++)
@@ -85,8 +91,8 @@ static enum ls_err map_part(const struct ls_exr_source *source, int part,
     tiles->tile_h = layout.tile_h;
     tiles->n_x = (layout.width + layout.tile_w - 1) / layout.tile_w;
     tiles->n_y = (layout.height + layout.tile_h - 1) / layout.tile_h;
-    tiles->type = layout.channels->entries[0].pixel_type == EXR_PIXEL_HALF ? LS_EXR_HALF
-                                                                           : LS_EXR_FLOAT;
+    tiles->type =
+        layout.channels->entries[0].pixel_type == EXR_PIXEL_HALF ? LS_EXR_HALF : LS_EXR_FLOAT;
     size_t n = (size_t)tiles->n_x * tiles->n_y;
     if (n > source->n / 8)
         return ls_fail(diag, LS_ERR_INVALID, "OpenEXR: a file of %zu bytes cannot hold %zu tiles",

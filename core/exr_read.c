@@ -94,36 +94,44 @@ static enum ls_err check_supported(const struct target *target, struct ls_diag *
     const exr_attr_chlist_t *channels = target->layout.channels;
     if (target->layout.compression == EXR_COMPRESSION_DWAA ||
         target->layout.compression == EXR_COMPRESSION_DWAB)
-        return ls_fail(diag, LS_ERR_UNSUPPORTED, "OpenEXR: DWA compression is not read; convert "
+        return ls_fail(diag, LS_ERR_UNSUPPORTED,
+                       "OpenEXR: DWA compression is not read; convert "
                        "with oiiotool --compression zip");
     if (target->layout.compression > EXR_COMPRESSION_B44A)
-        return ls_fail(diag, LS_ERR_UNSUPPORTED, "OpenEXR: compression %d is not known; convert "
-                       "with oiiotool --compression zip", target->layout.compression);
+        return ls_fail(diag, LS_ERR_UNSUPPORTED,
+                       "OpenEXR: compression %d is not known; convert "
+                       "with oiiotool --compression zip",
+                       target->layout.compression);
     for (int c = 0; c < channels->num_channels; c++)
         if (channels->entries[c].x_sampling != 1 || channels->entries[c].y_sampling != 1)
-            return ls_fail(diag, LS_ERR_UNSUPPORTED, "OpenEXR: channel %s is subsampled (luminance "
-                           "and chroma?); convert to R G B", channels->entries[c].name.str);
-    if (target->n == 1 && (find_channel(channels, NULL, "RY") >= 0 ||
-                           find_channel(channels, NULL, "BY") >= 0))
-        return ls_fail(diag, LS_ERR_UNSUPPORTED, "OpenEXR: luminance and chroma are not read; "
+            return ls_fail(diag, LS_ERR_UNSUPPORTED,
+                           "OpenEXR: channel %d of %d is subsampled (luminance and chroma?); "
+                           "convert to R G B",
+                           c + 1, channels->num_channels);
+    if (target->n == 1 &&
+        (find_channel(channels, NULL, "RY") >= 0 || find_channel(channels, NULL, "BY") >= 0))
+        return ls_fail(diag, LS_ERR_UNSUPPORTED,
+                       "OpenEXR: luminance and chroma are not read; "
                        "convert to R G B");
     return LS_OK;
 }
 
 /* Attributes that turn the picture into something else than its pixels in order. */
-static enum ls_err check_meaning(const struct ls_exr_source *source, int part,
-                                 struct ls_diag *diag)
+static enum ls_err check_meaning(const struct ls_exr_source *source, int part, struct ls_diag *diag)
 {
     const exr_attribute_t *attr = NULL;
     if (!exr_get_attribute_by_name(source->context, part, "envmap", &attr) && attr &&
         attr->type == EXR_ATTR_ENVMAP && attr->uc != EXR_ENVMAP_LATLONG)
-        return ls_fail(diag, LS_ERR_UNSUPPORTED, "OpenEXR: a cube map; convert it to "
+        return ls_fail(diag, LS_ERR_UNSUPPORTED,
+                       "OpenEXR: a cube map; convert it to "
                        "latitude-longitude with exrenvmap -l");
     attr = NULL;
     if (!exr_get_attribute_by_name(source->context, part, "Orientation", &attr) && attr &&
         attr->type == EXR_ATTR_INT && attr->i != 1)
-        return ls_fail(diag, LS_ERR_UNSUPPORTED, "OpenEXR: Orientation %d; turn it upright with "
-                       "oiiotool --reorient", attr->i);
+        return ls_fail(diag, LS_ERR_UNSUPPORTED,
+                       "OpenEXR: Orientation %d; turn it upright with "
+                       "oiiotool --reorient",
+                       attr->i);
     return LS_OK;
 }
 
@@ -132,18 +140,19 @@ static enum ls_err place(const struct target *target, const exr_chunk_info_t *ch
 {
     uint32_t w = (uint32_t)chunk->width, h = (uint32_t)chunk->height;
     if (chunk->width < 1 || chunk->height < 1 || x + w > target->layout.width ||
-        y + h > target->layout.height || decode->channel_count !=
-        target->layout.channels->num_channels)
-        return ls_fail(diag, LS_ERR_INVALID, "OpenEXR: a chunk at (%u, %u) does not fit into the "
-                       "picture", x, y);
+        y + h > target->layout.height ||
+        decode->channel_count != target->layout.channels->num_channels)
+        return ls_fail(diag, LS_ERR_INVALID,
+                       "OpenEXR: a chunk at (%u, %u) does not fit into the "
+                       "picture",
+                       x, y);
     size_t pixel = target->n * sample_bytes(target);
     for (uint32_t c = 0; c < target->n; c++) {
         exr_coding_channel_info_t *channel = &decode->channels[target->picked[c]];
         if (channel->width != chunk->width || channel->height != chunk->height)
-            return ls_fail(diag, LS_ERR_INVALID, "OpenEXR: a chunk at (%u, %u) is inconsistent",
-                           x, y);
-        channel->decode_to_ptr = target->pixels +
-                                 ((size_t)y * target->layout.width + x) * pixel +
+            return ls_fail(diag, LS_ERR_INVALID, "OpenEXR: a chunk at (%u, %u) is inconsistent", x,
+                           y);
+        channel->decode_to_ptr = target->pixels + ((size_t)y * target->layout.width + x) * pixel +
                                  c * sample_bytes(target);
         channel->user_pixel_stride = (int32_t)pixel;
         channel->user_line_stride = (int32_t)(pixel * target->layout.width);
@@ -159,8 +168,10 @@ static enum ls_err decode_chunk(const struct ls_exr_source *source, const struct
 {
     bool first = decode->context == NULL;
     if (chunk->packed_size > source->n || chunk->unpacked_size > target->limit_bytes / 4)
-        return ls_fail(diag, LS_ERR_LIMIT, "OpenEXR: a chunk of %llu bytes is larger than the "
-                       "limit allows", (unsigned long long)chunk->unpacked_size);
+        return ls_fail(diag, LS_ERR_LIMIT,
+                       "OpenEXR: a chunk of %llu bytes is larger than the "
+                       "limit allows",
+                       (unsigned long long)chunk->unpacked_size);
     exr_result_t r = first ? exr_decoding_initialize(source->context, target->part, chunk, decode)
                            : exr_decoding_update(source->context, target->part, chunk, decode);
     if (r)
@@ -175,9 +186,8 @@ static enum ls_err decode_chunk(const struct ls_exr_source *source, const struct
     return r ? ls_exr_source_fail(source, r, "cannot decode", diag) : LS_OK;
 }
 
-static enum ls_err decode_scanlines(const struct ls_exr_source *source,
-                                    const struct target *target, exr_decode_pipeline_t *decode,
-                                    struct ls_diag *diag)
+static enum ls_err decode_scanlines(const struct ls_exr_source *source, const struct target *target,
+                                    exr_decode_pipeline_t *decode, struct ls_diag *diag)
 {
     int32_t lines = 0;
     exr_result_t r = exr_get_scanlines_per_chunk(source->context, target->part, &lines);
@@ -203,9 +213,8 @@ static enum ls_err decode_tiles(const struct ls_exr_source *source, const struct
     for (uint32_t y = 0; y < target->layout.height; y += tile_h)
         for (uint32_t x = 0; x < target->layout.width; x += tile_w) {
             exr_chunk_info_t chunk;
-            exr_result_t r = exr_read_tile_chunk_info(source->context, target->part,
-                                                      (int)(x / tile_w), (int)(y / tile_h), 0, 0,
-                                                      &chunk);
+            exr_result_t r = exr_read_tile_chunk_info(
+                source->context, target->part, (int)(x / tile_w), (int)(y / tile_h), 0, 0, &chunk);
             if (r)
                 return ls_exr_source_fail(source, r, "cannot find a tile", diag);
             enum ls_err err = decode_chunk(source, target, &chunk, x, y, decode, diag);
@@ -225,63 +234,6 @@ static enum ls_err decode(const struct ls_exr_source *source, const struct targe
     return err;
 }
 
-static void copy_attr(struct ls_exr_attrs *attrs, const exr_attribute_t *attr)
-{
-    switch (attr->type) {
-    case EXR_ATTR_STRING:
-        ls_exr_attrs_string(attrs, attr->name, attr->string->str ? attr->string->str : "");
-        break;
-    case EXR_ATTR_INT:
-        ls_exr_attrs_int(attrs, attr->name, attr->i);
-        break;
-    case EXR_ATTR_FLOAT:
-        ls_exr_attrs_float(attrs, attr->name, attr->f);
-        break;
-    case EXR_ATTR_V2F:
-        ls_exr_attrs_v2f(attrs, attr->name, (float[2]){attr->v2f->x, attr->v2f->y});
-        break;
-    case EXR_ATTR_V3F:
-        ls_exr_attrs_v3f(attrs, attr->name,
-                         (float[3]){attr->v3f->x, attr->v3f->y, attr->v3f->z});
-        break;
-    case EXR_ATTR_M44F:
-        ls_exr_attrs_m44f(attrs, attr->name, attr->m44f->m);
-        break;
-    case EXR_ATTR_CHROMATICITIES: {
-        float c[8];
-        memcpy(c, attr->chromaticities, sizeof c);
-        ls_exr_attrs_chromaticities(attrs, attr->name, c);
-        break;
-    }
-    case EXR_ATTR_TIMECODE:
-        ls_exr_attrs_timecode(attrs, attr->name, attr->timecode->time_and_flags,
-                              attr->timecode->user_data);
-        break;
-    default:
-        break;
-    }
-}
-
-static enum ls_err copy_attrs(const struct ls_exr_source *source, int part,
-                              struct ls_exr_attrs *attrs, struct ls_diag *diag)
-{
-    int32_t n = 0;
-    exr_result_t r = exr_get_attribute_count(source->context, part, &n);
-    for (int32_t k = 0; k < n && !r; k++) {
-        const exr_attribute_t *attr = NULL;
-        r = exr_get_attribute_by_index(source->context, part, EXR_ATTR_LIST_FILE_ORDER, k, &attr);
-        /* a name of 32 and more characters is none of ours */
-        if (!r && strlen(attr->name) <= 31)
-            copy_attr(attrs, attr);
-    }
-    if (r)
-        return ls_exr_source_fail(source, r, "cannot read the attributes", diag);
-    if (attrs->err == LS_ERR_NOMEM)
-        return ls_fail(diag, LS_ERR_NOMEM, "no memory for the attributes");
-    attrs->err = LS_OK;
-    return LS_OK;
-}
-
 /* Some programs keep a Radiance picture's EXPOSURE, unapplied or applied one cannot know. */
 static enum ls_err check_exposure(const struct ls_exr_attrs *attrs, struct ls_diag *diag)
 {
@@ -290,9 +242,11 @@ static enum ls_err check_exposure(const struct ls_exr_attrs *attrs, struct ls_di
         bool number = attr->kind == LS_EXR_ATTR_FLOAT || attr->kind == LS_EXR_ATTR_INT;
         float value = attr->kind == LS_EXR_ATTR_FLOAT ? attr->f[0] : (float)attr->i;
         if (number && !strcmp(attr->name, "EXPOSURE") && value != 1.0f)
-            return ls_fail(diag, LS_ERR_UNSUPPORTED, "OpenEXR: attribute EXPOSURE %g: it is not "
+            return ls_fail(diag, LS_ERR_UNSUPPORTED,
+                           "OpenEXR: attribute EXPOSURE %g: it is not "
                            "said whether the pixels were multiplied by it; divide by it and "
-                           "remove it with oiiotool --eraseattrib EXPOSURE", (double)value);
+                           "remove it with oiiotool --eraseattrib EXPOSURE",
+                           (double)value);
     }
     return LS_OK;
 }
@@ -308,12 +262,12 @@ static enum ls_err read_picture(const struct ls_exr_source *source, const char *
     if (!err)
         err = check_meaning(source, target.part, diag);
     if (!err)
-        err = copy_attrs(source, target.part, attrs, diag);
+        err = ls_exr_source_attrs(source, target.part, attrs, diag);
     if (!err)
         err = check_exposure(attrs, diag);
     if (!err)
-        err = ls_image_init(image, target.layout.width, target.layout.height, target.n,
-                            limit_bytes, diag);
+        err = ls_image_init(image, target.layout.width, target.layout.height, target.n, limit_bytes,
+                            diag);
     if (err)
         return err;
     target.pixels = (uint8_t *)image->pixels;
@@ -360,8 +314,10 @@ static enum ls_err read_plane(const struct ls_exr_source *source, int part, size
         return ls_fail(diag, LS_ERR_UNSUPPORTED, "OpenEXR: integer samples in a plane");
     size_t n = (size_t)target.layout.width * target.layout.height * sample_bytes(&target);
     if (n > limit_bytes)
-        return ls_fail(diag, LS_ERR_LIMIT, "OpenEXR: %u x %u px are more than the limit of %zu "
-                       "bytes", target.layout.width, target.layout.height, limit_bytes);
+        return ls_fail(diag, LS_ERR_LIMIT,
+                       "OpenEXR: %u x %u px are more than the limit of %zu "
+                       "bytes",
+                       target.layout.width, target.layout.height, limit_bytes);
     target.limit_bytes = limit_bytes - n;
     target.pixels = malloc(n);
     if (!target.pixels)
@@ -371,16 +327,16 @@ static enum ls_err read_plane(const struct ls_exr_source *source, int part, size
         free(target.pixels);
         return err;
     }
-    *plane = (struct ls_exr_plane){
-        .width = target.layout.width, .height = target.layout.height,
-        .type = target.type == EXR_PIXEL_HALF ? LS_EXR_HALF : LS_EXR_FLOAT,
-        .samples = target.pixels};
+    *plane =
+        (struct ls_exr_plane){.width = target.layout.width,
+                              .height = target.layout.height,
+                              .type = target.type == EXR_PIXEL_HALF ? LS_EXR_HALF : LS_EXR_FLOAT,
+                              .samples = target.pixels};
     return LS_OK;
 }
 
 enum ls_err ls_exr_read_plane(const void *bytes, size_t n_bytes, const char *part,
-                              size_t limit_bytes, struct ls_exr_plane *plane,
-                              struct ls_diag *diag)
+                              size_t limit_bytes, struct ls_exr_plane *plane, struct ls_diag *diag)
 {
     struct ls_exr_source source;
     *plane = (struct ls_exr_plane){0};

@@ -17,7 +17,8 @@ static int64_t read_at(exr_const_context_t context, void *user, void *buffer, ui
     const struct ls_exr_source *source = user;
     if (offset > source->n)
         return error(context, EXR_ERR_READ_IO, "the file ends before byte %llu",
-                     (unsigned long long)offset), -1;
+                     (unsigned long long)offset),
+               -1;
     uint64_t left = source->n - offset;
     if (n > left)
         n = left;
@@ -38,6 +39,9 @@ static void on_error(exr_const_context_t context, exr_result_t code, const char 
         return;
     struct ls_exr_source *source = user;
     strncpy(source->message, message, sizeof source->message - 1);
+    for (char *c = source->message; *c; c++) /* it may quote the file */
+        if (*c < 0x20 || *c > 0x7e)
+            *c = '?';
 }
 
 enum ls_err ls_exr_source_open(struct ls_exr_source *source, const void *bytes, size_t n_bytes,
@@ -74,7 +78,7 @@ void ls_exr_source_close(struct ls_exr_source *source)
 enum ls_err ls_exr_source_fail(const struct ls_exr_source *source, exr_result_t result,
                                const char *doing, struct ls_diag *diag)
 {
-    enum ls_err err = result == EXR_ERR_OUT_OF_MEMORY            ? LS_ERR_LIMIT
+    enum ls_err err = result == EXR_ERR_OUT_OF_MEMORY             ? LS_ERR_LIMIT
                       : result == EXR_ERR_FEATURE_NOT_IMPLEMENTED ? LS_ERR_UNSUPPORTED
                                                                   : LS_ERR_INVALID;
     return ls_fail(diag, err, "OpenEXR: %s: %s", doing,
@@ -87,9 +91,10 @@ static enum ls_err check_window(const exr_attr_box2i_t *window, struct ls_exr_la
     int64_t width = (int64_t)window->max.x - window->min.x + 1;
     int64_t height = (int64_t)window->max.y - window->min.y + 1;
     if (width < 1 || height < 1 || width > LS_EXR_MAX_PX || height > LS_EXR_MAX_PX)
-        return ls_fail(diag, LS_ERR_INVALID, "OpenEXR: a data window of %lld x %lld px: expected "
-                       "1 x 1 to %d x %d", (long long)width, (long long)height, LS_EXR_MAX_PX,
-                       LS_EXR_MAX_PX);
+        return ls_fail(diag, LS_ERR_INVALID,
+                       "OpenEXR: a data window of %lld x %lld px: expected "
+                       "1 x 1 to %d x %d",
+                       (long long)width, (long long)height, LS_EXR_MAX_PX, LS_EXR_MAX_PX);
     /* the library adds a window's corner and size in 32 bits */
     if (window->min.x < -(1 << 29) || window->max.x > 1 << 29 || window->min.y < -(1 << 29) ||
         window->max.y > 1 << 29)
@@ -131,7 +136,8 @@ enum ls_err ls_exr_source_layout(const struct ls_exr_source *source, int part,
     *layout = (struct ls_exr_layout){0};
     exr_result_t r = exr_get_storage(source->context, part, &storage);
     if (!r && storage != EXR_STORAGE_SCANLINE && storage != EXR_STORAGE_TILED)
-        return ls_fail(diag, LS_ERR_UNSUPPORTED, "OpenEXR: deep data is not read; flatten the "
+        return ls_fail(diag, LS_ERR_UNSUPPORTED,
+                       "OpenEXR: deep data is not read; flatten the "
                        "picture first");
     if (!r)
         r = exr_get_data_window(source->context, part, &window);

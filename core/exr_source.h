@@ -24,9 +24,9 @@ struct ls_exr_layout {
     int32_t x, y; /* of the data window's top left */
     uint32_t width, height;
     exr_compression_t compression;
-    uint32_t tiled; /* 1 = tiles, 0 = scanlines */
-    uint32_t tile_w, tile_h; /* tiled only */
-    uint32_t n_levels;       /* tiled only */
+    uint32_t tiled;                    /* 1 = tiles, 0 = scanlines */
+    uint32_t tile_w, tile_h;           /* tiled only */
+    uint32_t n_levels;                 /* tiled only */
     const exr_attr_chlist_t *channels; /* (transfer none), until close */
 };
 
@@ -43,8 +43,15 @@ enum ls_err ls_exr_source_fail(const struct ls_exr_source *source, exr_result_t 
 /** Check and describe a part: deep data LS_ERR_UNSUPPORTED; a window that is empty, absurd, or has
  * more chunks than the file has room for LS_ERR_INVALID. */
 LS_MUST_CHECK enum ls_err ls_exr_source_layout(const struct ls_exr_source *source, int part,
-                                               struct ls_exr_layout *layout,
-                                               struct ls_diag *diag);
+                                               struct ls_exr_layout *layout, struct ls_diag *diag);
+
+/** Append the part's attributes of the kinds of ls_exr_attr_kind to @attrs; others, and names
+ * longer than 31 characters, are passed over. */
+LS_MUST_CHECK enum ls_err ls_exr_source_attrs(const struct ls_exr_source *source, int part,
+                                              struct ls_exr_attrs *attrs, struct ls_diag *diag);
+
+/** Set one attribute of a part that is being written. */
+exr_result_t ls_exr_attr_put(exr_context_t context, int part, const struct ls_exr_attr *attr);
 
 /** The part of this name, or -1. */
 int ls_exr_source_part(const struct ls_exr_source *source, const char *name);

@@ -1,13 +1,12 @@
-#include "core/exr.h"
+#include "core/exr_source.h"
 #include "core/half.h"
 
-#include <OpenEXR/openexr.h>
 #include <limits.h>
 #include <stdbool.h>
 #include <stdlib.h>
 #include <string.h>
 
-enum { MAX_PX = 65536, MAX_CHANNELS = 64 };
+enum { MAX_CHANNELS = 64 };
 
 /* The file as it grows, and what the library said about it. */
 struct sink {
@@ -127,53 +126,17 @@ static exr_result_t write_tiles(exr_context_t context, int index, const struct l
     return r;
 }
 
-static exr_result_t set_attr(exr_context_t context, int part, const struct ls_exr_attr *attr)
-{
-    switch (attr->kind) {
-    case LS_EXR_ATTR_STRING:
-        return exr_attr_set_string(context, part, attr->name, attr->text);
-    case LS_EXR_ATTR_INT:
-        return exr_attr_set_int(context, part, attr->name, attr->i);
-    case LS_EXR_ATTR_FLOAT:
-        return exr_attr_set_float(context, part, attr->name, attr->f[0]);
-    case LS_EXR_ATTR_V2F: {
-        exr_attr_v2f_t v = {.x = attr->f[0], .y = attr->f[1]};
-        return exr_attr_set_v2f(context, part, attr->name, &v);
-    }
-    case LS_EXR_ATTR_V3F: {
-        exr_attr_v3f_t v = {.x = attr->f[0], .y = attr->f[1], .z = attr->f[2]};
-        return exr_attr_set_v3f(context, part, attr->name, &v);
-    }
-    case LS_EXR_ATTR_M44F: {
-        exr_attr_m44f_t m;
-        memcpy(m.m, attr->f, sizeof m.m);
-        return exr_attr_set_m44f(context, part, attr->name, &m);
-    }
-    case LS_EXR_ATTR_CHROMATICITIES: {
-        exr_attr_chromaticities_t c;
-        memcpy(&c, attr->f, sizeof c);
-        return exr_attr_set_chromaticities(context, part, attr->name, &c);
-    }
-    case LS_EXR_ATTR_TIMECODE: {
-        exr_attr_timecode_t t = {attr->tc[0], attr->tc[1]};
-        return exr_attr_set_timecode(context, part, attr->name, &t);
-    }
-    }
-    return EXR_ERR_INVALID_ARGUMENT;
-}
-
-static exr_result_t declare_part(exr_context_t context, const struct ls_exr_part *part,
-                                 int *index)
+static exr_result_t declare_part(exr_context_t context, const struct ls_exr_part *part, int *index)
 {
     bool cropped = part->display_width != 0;
-    exr_attr_box2i_t data = {.min = {.x = part->x, .y = part->y},
-                             .max = {.x = part->x + (int32_t)part->width - 1,
-                                     .y = part->y + (int32_t)part->height - 1}};
+    exr_attr_box2i_t data = {
+        .min = {.x = part->x, .y = part->y},
+        .max = {.x = part->x + (int32_t)part->width - 1, .y = part->y + (int32_t)part->height - 1}};
     exr_attr_box2i_t display = data;
     if (cropped)
-        display = (exr_attr_box2i_t){.min = {.x = 0, .y = 0},
-                                     .max = {.x = (int32_t)part->display_width - 1,
-                                             .y = (int32_t)part->display_height - 1}};
+        display = (exr_attr_box2i_t){
+            .min = {.x = 0, .y = 0},
+            .max = {.x = (int32_t)part->display_width - 1, .y = (int32_t)part->display_height - 1}};
     exr_attr_v2f_t centre = {.x = 0, .y = 0};
     exr_result_t r = exr_add_part(context, part->name, EXR_STORAGE_TILED, index);
     if (!r)
@@ -188,38 +151,44 @@ static exr_result_t declare_part(exr_context_t context, const struct ls_exr_part
                                                                   : EXR_PIXEL_FLOAT,
                             EXR_PERCEPTUALLY_LINEAR, 1, 1);
     for (size_t k = 0; part->attrs && k < part->attrs->n && !r; k++)
-        r = set_attr(context, *index, &part->attrs->items[k]);
+        r = ls_exr_attr_put(context, *index, &part->attrs->items[k]);
     return r;
 }
 
-static enum ls_err check_channel(const struct ls_exr_part *part, size_t index,
-                                 struct ls_diag *diag)
+static enum ls_err check_channel(const struct ls_exr_part *part, size_t index, struct ls_diag *diag)
 {
     const struct ls_exr_channel *channel = &part->channels[index];
     if (!channel->name || !*channel->name || strlen(channel->name) > 31 || !channel->pixels)
-        return ls_fail(diag, LS_ERR_INVALID, "OpenEXR: channel %zu has no pixels or no name of 1 "
-                       "to 31 characters", index);
+        return ls_fail(diag, LS_ERR_INVALID,
+                       "OpenEXR: channel %zu has no pixels or no name of 1 "
+                       "to 31 characters",
+                       index);
     if (channel->source == LS_EXR_FROM_HALF && channel->type != LS_EXR_HALF)
-        return ls_fail(diag, LS_ERR_INVALID, "OpenEXR: channel %s: half samples are stored as "
-                       "half only", channel->name);
+        return ls_fail(diag, LS_ERR_INVALID,
+                       "OpenEXR: channel %s: half samples are stored as "
+                       "half only",
+                       channel->name);
     for (size_t other = 0; other < index; other++)
         if (!strcmp(part->channels[other].name, channel->name))
-            return ls_fail(diag, LS_ERR_INVALID, "OpenEXR: channel %s stands twice",
-                           channel->name);
+            return ls_fail(diag, LS_ERR_INVALID, "OpenEXR: channel %s stands twice", channel->name);
     return LS_OK;
 }
 
-static enum ls_err check_part(const struct ls_exr_part *part, size_t n_parts,
-                              struct ls_diag *diag)
+static enum ls_err check_part(const struct ls_exr_part *part, size_t n_parts, struct ls_diag *diag)
 {
-    if (!part->width || !part->height || part->width > MAX_PX || part->height > MAX_PX)
-        return ls_fail(diag, LS_ERR_INVALID, "OpenEXR: a part of %u x %u px: expected 1 x 1 to "
-                       "%d x %d", part->width, part->height, MAX_PX, MAX_PX);
-    if (part->x < -MAX_PX || part->x > MAX_PX || part->y < -MAX_PX || part->y > MAX_PX ||
-        part->display_width > MAX_PX || part->display_height > MAX_PX ||
-        !part->display_width != !part->display_height)
-        return ls_fail(diag, LS_ERR_INVALID, "OpenEXR: window at (%d, %d) in %u x %u px is out of "
-                       "range", part->x, part->y, part->display_width, part->display_height);
+    if (!part->width || !part->height || part->width > LS_EXR_MAX_PX ||
+        part->height > LS_EXR_MAX_PX)
+        return ls_fail(diag, LS_ERR_INVALID,
+                       "OpenEXR: a part of %u x %u px: expected 1 x 1 to "
+                       "%d x %d",
+                       part->width, part->height, LS_EXR_MAX_PX, LS_EXR_MAX_PX);
+    if (part->x < -LS_EXR_MAX_PX || part->x > LS_EXR_MAX_PX || part->y < -LS_EXR_MAX_PX ||
+        part->y > LS_EXR_MAX_PX || part->display_width > LS_EXR_MAX_PX ||
+        part->display_height > LS_EXR_MAX_PX || !part->display_width != !part->display_height)
+        return ls_fail(diag, LS_ERR_INVALID,
+                       "OpenEXR: window at (%d, %d) in %u x %u px is out of "
+                       "range",
+                       part->x, part->y, part->display_width, part->display_height);
     if (!part->n_channels || part->n_channels > MAX_CHANNELS)
         return ls_fail(diag, LS_ERR_INVALID, "OpenEXR: %zu channels: expected 1 to %d",
                        part->n_channels, MAX_CHANNELS);
@@ -251,8 +220,8 @@ static size_t expected_bytes(const struct ls_exr_part *parts, size_t n_parts)
 {
     size_t n = 65536;
     for (size_t p = 0; p < n_parts; p++) {
-        size_t tiles = (size_t)(parts[p].width / LS_EXR_TILE_PX + 1) *
-                       (parts[p].height / LS_EXR_TILE_PX + 1);
+        size_t tiles =
+            (size_t)(parts[p].width / LS_EXR_TILE_PX + 1) * (parts[p].height / LS_EXR_TILE_PX + 1);
         n += (size_t)parts[p].width * parts[p].height * pixel_bytes(&parts[p]) + tiles * 32;
     }
     return n;
@@ -300,12 +269,12 @@ enum ls_err ls_exr_write(const struct ls_exr_part *parts, size_t n_parts, uint8_
     init.error_handler_fn = on_error;
     init.user_data = &sink;
     init.write_fn = write_at;
-    init.max_image_width = init.max_image_height = MAX_PX;
-    init.max_tile_width = init.max_tile_height = MAX_PX;
+    init.max_image_width = init.max_image_height = LS_EXR_MAX_PX;
+    init.max_tile_width = init.max_tile_height = LS_EXR_MAX_PX;
 
     exr_context_t context = NULL;
-    exr_result_t r = grow(&sink, expected_bytes(parts, n_parts)) ? EXR_ERR_SUCCESS
-                                                                 : EXR_ERR_OUT_OF_MEMORY;
+    exr_result_t r =
+        grow(&sink, expected_bytes(parts, n_parts)) ? EXR_ERR_SUCCESS : EXR_ERR_OUT_OF_MEMORY;
     if (!r)
         r = exr_start_write(&context, "picture", EXR_WRITE_FILE_DIRECTLY, &init);
     if (!r)
@@ -333,20 +302,29 @@ enum ls_err ls_exr_write_mosaic(const struct ls_exr_mosaic *mosaic, uint8_t **by
         return ls_fail(diag, LS_ERR_INVALID, "OpenEXR: a mosaic is either half or float");
     bool half = mosaic->half != NULL;
     size_t stride = half ? 2 : 4;
-    struct ls_exr_channel y = {"Y", half ? LS_EXR_HALF : LS_EXR_FLOAT,
+    struct ls_exr_channel y = {"Y",
+                               half ? LS_EXR_HALF : LS_EXR_FLOAT,
                                half ? LS_EXR_FROM_HALF : LS_EXR_FROM_FLOAT,
-                               half ? (const void *)mosaic->half : mosaic->floats, stride,
+                               half ? (const void *)mosaic->half : mosaic->floats,
+                               stride,
                                stride * mosaic->width};
-    struct ls_exr_channel validity = {"Y", LS_EXR_HALF, LS_EXR_FROM_U8, mosaic->validity, 1,
-                                      mosaic->width};
+    struct ls_exr_channel validity = {"Y", LS_EXR_HALF,  LS_EXR_FROM_U8, mosaic->validity,
+                                      1,   mosaic->width};
     struct ls_exr_part parts[2] = {
-        {.name = "mosaic", .width = mosaic->width, .height = mosaic->height, .channels = &y,
-         .n_channels = 1, .attrs = mosaic->attrs},
-        {.name = "validity", .width = mosaic->width, .height = mosaic->height,
-         .channels = &validity, .n_channels = 1},
+        {.name = "mosaic",
+         .width = mosaic->width,
+         .height = mosaic->height,
+         .channels = &y,
+         .n_channels = 1,
+         .attrs = mosaic->attrs},
+        {.name = "validity",
+         .width = mosaic->width,
+         .height = mosaic->height,
+         .channels = &validity,
+         .n_channels = 1},
     };
-    bool flagged = mosaic->validity &&
-                   !all_zero(mosaic->validity, (size_t)mosaic->width * mosaic->height);
+    bool flagged =
+        mosaic->validity && !all_zero(mosaic->validity, (size_t)mosaic->width * mosaic->height);
     return ls_exr_write(parts, flagged ? 2 : 1, bytes, n_bytes, diag);
 }
 
@@ -357,12 +335,17 @@ enum ls_err ls_exr_write_image(const struct ls_image *image, enum ls_exr_type ty
     static const char *const names[2][3] = {{"Y"}, {"R", "G", "B"}};
     struct ls_exr_channel channels[3];
     for (uint32_t c = 0; c < image->n_channels && c < 3; c++)
-        channels[c] = (struct ls_exr_channel){
-            names[image->n_channels == 3][c], type, LS_EXR_FROM_FLOAT, image->pixels + c,
-            image->n_channels * sizeof(float), (size_t)image->width * image->n_channels *
-            sizeof(float)};
-    struct ls_exr_part part = {.width = image->width, .height = image->height,
-                               .channels = channels, .n_channels = image->n_channels,
+        channels[c] =
+            (struct ls_exr_channel){names[image->n_channels == 3][c],
+                                    type,
+                                    LS_EXR_FROM_FLOAT,
+                                    image->pixels + c,
+                                    image->n_channels * sizeof(float),
+                                    (size_t)image->width * image->n_channels * sizeof(float)};
+    struct ls_exr_part part = {.width = image->width,
+                               .height = image->height,
+                               .channels = channels,
+                               .n_channels = image->n_channels,
                                .attrs = attrs};
     if (image->n_channels != 1 && image->n_channels != 3)
         return ls_fail(diag, LS_ERR_INVALID, "OpenEXR: a picture of %u channels: expected 1 or 3",
@@ -373,8 +356,8 @@ enum ls_err ls_exr_write_image(const struct ls_image *image, enum ls_exr_type ty
 uint64_t ls_exr_mosaic_bytes_max(uint32_t width, uint32_t height, enum ls_exr_type type)
 {
     uint64_t pixels = (uint64_t)width * height;
-    uint64_t tiles = ((uint64_t)width / LS_EXR_TILE_PX + 1) *
-                     ((uint64_t)height / LS_EXR_TILE_PX + 1);
+    uint64_t tiles =
+        ((uint64_t)width / LS_EXR_TILE_PX + 1) * ((uint64_t)height / LS_EXR_TILE_PX + 1);
     /* pixels, the validity plane as half, per tile and part 8 bytes of table and 24 of leader */
     return pixels * (sample_bytes(type) + 2) + tiles * 2 * 32 + 32768;
 }

@@ -10,11 +10,11 @@ enum { MAX_PX = 65536, WORKING_BYTES = 8 << 20 /* of libpng itself */ };
 
 struct session {
     struct ls_diag *diag;
-    const uint8_t *at, *end;     /* reading */
-    uint8_t *bytes;              /* writing */
+    const uint8_t *at, *end; /* reading */
+    uint8_t *bytes;          /* writing */
     size_t n, capacity;
-    size_t limit_bytes;         /* of pixels */
-    size_t used_bytes;          /* by libpng, of WORKING_BYTES */
+    size_t limit_bytes; /* of pixels */
+    size_t used_bytes;  /* by libpng, of WORKING_BYTES */
     enum ls_err err;
 };
 
@@ -34,8 +34,10 @@ static void *bounded_malloc(png_structp png, png_alloc_size_t n)
 {
     struct session *session = png_get_mem_ptr(png);
     if (n > WORKING_BYTES - session->used_bytes) {
-        session->err = ls_fail(session->diag, LS_ERR_LIMIT, "PNG: its chunks need more than %d "
-                               "bytes of memory", WORKING_BYTES);
+        session->err = ls_fail(session->diag, LS_ERR_LIMIT,
+                               "PNG: its chunks need more than %d "
+                               "bytes of memory",
+                               WORKING_BYTES);
         return NULL;
     }
     void *p = malloc(n);
@@ -93,9 +95,7 @@ static void convert(const uint8_t *codes, bool wide, bool decode_srgb, struct ls
         table[k] = decode_srgb ? linear_from_srgb(k / 255.0) : (float)(k / 255.0);
     for (size_t k = 0; k < n; k++) {
         double v = wide ? (codes[2 * k] << 8 | codes[2 * k + 1]) / 65535.0 : 0;
-        image->pixels[k] = !wide        ? table[codes[k]]
-                           : decode_srgb ? linear_from_srgb(v)
-                                         : (float)v;
+        image->pixels[k] = !wide ? table[codes[k]] : decode_srgb ? linear_from_srgb(v) : (float)v;
     }
 }
 
@@ -105,7 +105,8 @@ static bool prepare(png_structp png, png_infop info, struct session *session, ui
     png_read_info(png, info);
     png_byte type = png_get_color_type(png, info);
     if (type & PNG_COLOR_MASK_ALPHA || png_get_valid(png, info, PNG_INFO_tRNS)) {
-        session->err = ls_fail(session->diag, LS_ERR_UNSUPPORTED, "PNG: it has transparency; "
+        session->err = ls_fail(session->diag, LS_ERR_UNSUPPORTED,
+                               "PNG: it has transparency; "
                                "remove the alpha channel first");
         return false;
     }
@@ -127,8 +128,7 @@ static void cleanup_rows(png_bytep **rows)
 /* Everything between setjmp and its end lives in this frame; what is allocated is freed by the
  * caller through @codes and @rows. */
 static enum ls_err read_codes(png_structp png, png_infop info, struct session *session,
-                              uint8_t **codes, png_bytep **rows, bool *wide,
-                              struct ls_image *image)
+                              uint8_t **codes, png_bytep **rows, bool *wide, struct ls_image *image)
 {
     if (setjmp(png_jmpbuf(png)))
         return session->err;
@@ -137,8 +137,8 @@ static enum ls_err read_codes(png_structp png, png_infop info, struct session *s
         return session->err;
     uint32_t width = png_get_image_width(png, info), height = png_get_image_height(png, info);
     size_t row_bytes = png_get_rowbytes(png, info), n = row_bytes * height;
-    session->err = ls_image_init(image, width, height, channels, session->limit_bytes / 2,
-                                 session->diag);
+    session->err =
+        ls_image_init(image, width, height, channels, session->limit_bytes / 2, session->diag);
     if (session->err)
         return session->err;
     *codes = malloc(n);
@@ -156,7 +156,9 @@ static enum ls_err read_codes(png_structp png, png_infop info, struct session *s
 enum ls_err ls_png_read(const void *bytes, size_t n_bytes, bool decode_srgb, size_t limit_bytes,
                         struct ls_image *image, struct ls_diag *diag)
 {
-    struct session session = {.diag = diag, .at = bytes, .end = (const uint8_t *)bytes + n_bytes,
+    struct session session = {.diag = diag,
+                              .at = bytes,
+                              .end = (const uint8_t *)bytes + n_bytes,
                               .limit_bytes = limit_bytes};
     *image = (struct ls_image){0};
     if (n_bytes < 8 || png_sig_cmp(bytes, 0, 8))
@@ -220,12 +222,13 @@ enum ls_err ls_png_write(const struct ls_image *image, float scale, uint8_t **by
     struct session session = {.diag = diag};
     if (!image->width || !image->height || image->width > MAX_PX || image->height > MAX_PX ||
         (image->n_channels != 1 && image->n_channels != 3) || !(scale > 0) || !isfinite(scale))
-        return ls_fail(diag, LS_ERR_INVALID, "PNG: a picture of %u x %u with %u channels at a "
-                       "scale of %g cannot be written", image->width, image->height,
-                       image->n_channels, (double)scale);
+        return ls_fail(diag, LS_ERR_INVALID,
+                       "PNG: a picture of %u x %u with %u channels at a "
+                       "scale of %g cannot be written",
+                       image->width, image->height, image->n_channels, (double)scale);
     LS_CLEANUP_FREE uint8_t *row = malloc((size_t)image->width * image->n_channels);
-    png_structp png = png_create_write_struct(PNG_LIBPNG_VER_STRING, &session, on_error,
-                                              on_warning);
+    png_structp png =
+        png_create_write_struct(PNG_LIBPNG_VER_STRING, &session, on_error, on_warning);
     png_infop info = png ? png_create_info_struct(png) : NULL;
     if (!info || !row) {
         png_destroy_write_struct(&png, NULL);

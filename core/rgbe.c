@@ -30,7 +30,10 @@ static bool next_line(struct reader *reader)
     if (n && reader->at[n - 1] == '\r')
         n--;
     n = n < LINE_MAX_LENGTH - 1 ? n : LINE_MAX_LENGTH - 1;
-    memcpy(reader->line, reader->at, n);
+    for (size_t k = 0; k < n; k++) /* what is not text may yet be quoted in a sentence */
+        reader->line[k] = (reader->at[k] < 0x20 && reader->at[k] != '\t') || reader->at[k] > 0x7e
+                              ? '?'
+                              : (char)reader->at[k];
     reader->line[n] = 0;
     reader->at = newline + 1;
     return true;
@@ -90,8 +93,10 @@ static enum ls_err parse_unit(struct reader *reader, const char *name, const cha
     if (!numbers(value, &v, 1))
         return malformed(reader, "one number", diag);
     if (fabs(v - 1) > 1e-6)
-        return ls_fail(diag, LS_ERR_UNSUPPORTED, "Radiance HDR: line %u: %s %g is not supported; "
-                       "rewrite the picture with %s 1", reader->line_number, name, v, name);
+        return ls_fail(diag, LS_ERR_UNSUPPORTED,
+                       "Radiance HDR: line %u: %s %g is not supported; "
+                       "rewrite the picture with %s 1",
+                       reader->line_number, name, v, name);
     return LS_OK;
 }
 
@@ -110,13 +115,16 @@ static enum ls_err parse_variable(struct reader *reader, struct header *header,
     if (n == 9 && !strncmp(line, "PIXASPECT", n))
         return parse_unit(reader, "PIXASPECT", equals + 1, diag);
     if (n == 6 && !strncmp(line, "FORMAT", n) && strcmp(equals + 1, "32-bit_rle_rgbe"))
-        return ls_fail(diag, LS_ERR_UNSUPPORTED, "Radiance HDR: line %u: format \"%.60s\": only "
-                       "32-bit_rle_rgbe is read", reader->line_number, equals + 1);
+        return ls_fail(diag, LS_ERR_UNSUPPORTED,
+                       "Radiance HDR: line %u: format \"%.60s\": only "
+                       "32-bit_rle_rgbe is read",
+                       reader->line_number, equals + 1);
     if (n == 9 && !strncmp(line, "PRIMARIES", n)) {
         if (!numbers(equals + 1, v, 8))
             return malformed(reader, "eight numbers", diag);
         if (!primaries_ok(v))
-            return ls_fail(diag, LS_ERR_UNSUPPORTED, "Radiance HDR: line %u: primaries other than "
+            return ls_fail(diag, LS_ERR_UNSUPPORTED,
+                           "Radiance HDR: line %u: primaries other than "
                            "Rec. 709 are not supported; convert the picture first",
                            reader->line_number);
     }
@@ -167,12 +175,12 @@ static enum ls_err parse_resolution(struct reader *reader, struct header *header
     return LS_OK;
 }
 
-static enum ls_err parse_header(struct reader *reader, struct header *header,
-                                struct ls_diag *diag)
+static enum ls_err parse_header(struct reader *reader, struct header *header, struct ls_diag *diag)
 {
     *header = (struct header){.divide = {1, 1, 1}};
     if (!next_line(reader) || strncmp(reader->line, "#?", 2))
-        return ls_fail(diag, LS_ERR_INVALID, "not a Radiance HDR file: it does not begin with "
+        return ls_fail(diag, LS_ERR_INVALID,
+                       "not a Radiance HDR file: it does not begin with "
                        "#?RADIANCE");
     while (next_line(reader)) {
         if (!reader->line[0]) {
@@ -212,7 +220,8 @@ static bool read_plane(struct reader *reader, uint8_t *out, uint32_t n)
     return true;
 }
 
-/* Flat pixels; (1, 1, 1, n) repeats the one before n << 8k times, k counting such codes in a row. */
+/* Flat pixels; (1, 1, 1, n) repeats the one before n << 8k times, k counting such codes in a row.
+ */
 static bool read_old(struct reader *reader, uint8_t *out, uint32_t n)
 {
     unsigned shift = 0;
@@ -276,8 +285,10 @@ enum ls_err ls_rgbe_read(const void *bytes, size_t n_bytes, size_t limit_bytes,
         return err;
     size_t line_bytes = 4 * (size_t)header.length;
     if (line_bytes > limit_bytes)
-        return ls_fail(diag, LS_ERR_LIMIT, "Radiance HDR: %u x %u px are more than the limit of "
-                       "%zu bytes", header.width, header.height, limit_bytes);
+        return ls_fail(diag, LS_ERR_LIMIT,
+                       "Radiance HDR: %u x %u px are more than the limit of "
+                       "%zu bytes",
+                       header.width, header.height, limit_bytes);
     err = ls_image_init(image, header.width, header.height, 3, limit_bytes - line_bytes, diag);
     if (err)
         return err;
@@ -288,8 +299,10 @@ enum ls_err ls_rgbe_read(const void *bytes, size_t n_bytes, size_t limit_bytes,
         if (read_scanline(&reader, rgbe, header.length))
             put_scanline(&header, rgbe, s, image->pixels);
         else
-            err = ls_fail(diag, LS_ERR_INVALID, "Radiance HDR: scanline %u of %u is truncated or "
-                          "malformed", s, header.n_scanlines);
+            err = ls_fail(diag, LS_ERR_INVALID,
+                          "Radiance HDR: scanline %u of %u is truncated or "
+                          "malformed",
+                          s, header.n_scanlines);
     }
     if (err)
         ls_image_finish(image);

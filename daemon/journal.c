@@ -20,7 +20,10 @@ static const struct field {
     enum kind kind;
     size_t offset;
 } fields[] = {
-#define FIELD(name, kind) {#name, kind, offsetof(struct ls_ticket, name)}
+#define FIELD(name, kind)                             \
+    {                                                 \
+#name, kind, offsetof(struct ls_ticket, name) \
+    }
     FIELD(shot, U32),
     FIELD(step, U32),
     FIELD(camera, U32),
@@ -52,7 +55,7 @@ static json_t *field_value(const struct field *field, const struct ls_ticket *ti
     case U32:
         return json_integer(*(const uint32_t *)at);
     case U64:
-        return json_integer((json_int_t)*(const uint64_t *)at);
+        return json_integer((json_int_t) * (const uint64_t *)at);
     case REAL:
         return json_real(*(const double *)at);
     case STATUS:
@@ -78,8 +81,7 @@ static bool set_field(const struct field *field, const json_t *value, struct ls_
         *(uint32_t *)at = (uint32_t)number;
     else
         *(uint64_t *)at = (uint64_t)number;
-    return json_is_integer(value) &&
-           (field->kind == U64 || (number >= 0 && number <= UINT32_MAX));
+    return json_is_integer(value) && (field->kind == U64 || (number >= 0 && number <= UINT32_MAX));
 }
 
 /* ---- writing ---- */
@@ -105,12 +107,12 @@ static enum ls_err add(struct ls_journal_batch *batch, json_t *record)
     if (!json)
         return LS_ERR_NOMEM;
     size_t n = strlen(json);
-    enum ls_err err = n + PREFIX_BYTES > LINE_LIMIT_BYTES        ? LS_ERR_LIMIT
+    enum ls_err err = n + PREFIX_BYTES > LINE_LIMIT_BYTES     ? LS_ERR_LIMIT
                       : !reserve(batch, n + PREFIX_BYTES + 2) ? LS_ERR_NOMEM
-                                                                 : LS_OK;
+                                                              : LS_OK;
     if (!err)
-        batch->n += (size_t)sprintf(batch->text + batch->n, "%08x %s\n", ls_crc32c(0, json, n),
-                                    json);
+        batch->n +=
+            (size_t)sprintf(batch->text + batch->n, "%08x %s\n", ls_crc32c(0, json, n), json);
     free(json);
     return err;
 }
@@ -153,8 +155,7 @@ static json_t *integers(const uint32_t *values, uint32_t n)
     return array;
 }
 
-enum ls_err ls_journal_add_published(struct ls_journal_batch *batch,
-                                     const struct ls_published *p)
+enum ls_err ls_journal_add_published(struct ls_journal_batch *batch, const struct ls_published *p)
 {
     json_t *record = json_pack(
         "{s:s, s:s, s:I, s:s, s:I, s:I, s:I, s:s, s:o, s:o}", "k", "published", "condition",
@@ -177,12 +178,11 @@ static enum ls_err add_text(struct ls_journal_batch *batch, const char *kind, ui
     json_t *string = json_string(text);
     if (!string)
         string = json_string("(text that is not UTF-8)");
-    return add(batch, json_pack("{s:s, s:I, s:o}", "k", kind, "t", (json_int_t)host_ns, key,
-                                string));
+    return add(batch,
+               json_pack("{s:s, s:I, s:o}", "k", kind, "t", (json_int_t)host_ns, key, string));
 }
 
-enum ls_err ls_journal_add_alarm(struct ls_journal_batch *batch, uint64_t host_ns,
-                                 const char *text)
+enum ls_err ls_journal_add_alarm(struct ls_journal_batch *batch, uint64_t host_ns, const char *text)
 {
     return add_text(batch, "alarm", host_ns, "text", text);
 }
@@ -339,8 +339,7 @@ static bool whole(const char *line, size_t n)
 {
     uint32_t crc;
     return n > PREFIX_BYTES && n <= LINE_LIMIT_BYTES && line[8] == ' ' &&
-           hex_value(line, 8, &crc) &&
-           crc == ls_crc32c(0, line + PREFIX_BYTES, n - PREFIX_BYTES);
+           hex_value(line, 8, &crc) && crc == ls_crc32c(0, line + PREFIX_BYTES, n - PREFIX_BYTES);
 }
 
 static bool good_one_after(const char *at, const char *end)
@@ -361,13 +360,15 @@ enum ls_err ls_journal_replay(const char *text, size_t n, const struct ls_journa
         *n_good = (size_t)(at - text);
         if (!newline || !whole(at, length)) {
             if (newline && good_one_after(newline + 1, end))
-                return ls_fail(diag, LS_ERR_INVALID, "journal: line %zu is damaged and good "
-                               "records follow it; restore the file from a copy", number);
+                return ls_fail(diag, LS_ERR_INVALID,
+                               "journal: line %zu is damaged and good "
+                               "records follow it; restore the file from a copy",
+                               number);
             return LS_OK;
         }
         json_error_t error;
-        json_t *record = json_loadb(at + PREFIX_BYTES, length - PREFIX_BYTES,
-                                    JSON_REJECT_DUPLICATES, &error);
+        json_t *record =
+            json_loadb(at + PREFIX_BYTES, length - PREFIX_BYTES, JSON_REJECT_DUPLICATES, &error);
         enum ls_err err = json_is_object(record) ? tell(reader, record) : LS_ERR_INVALID;
         json_decref(record);
         if (err)

@@ -17,11 +17,10 @@ static const char reserve_name[] = ".reserve";
 /* A released reservation is cut in steps of whole blocks of the file systems in use. */
 static const uint64_t block_bytes = 4096;
 
-static void init(struct ls_take_folder *folder, uint32_t n_cameras,
-                 const struct ls_disk_shim *shim)
+static void init(struct ls_take_folder *folder, uint32_t n_cameras, const struct ls_disk_shim *shim)
 {
-    *folder = (struct ls_take_folder){.dir_fd = -1, .journal_fd = -1, .reserve_fd = -1,
-                                      .n_cameras = n_cameras, .shim = shim};
+    *folder = (struct ls_take_folder){
+        .dir_fd = -1, .journal_fd = -1, .reserve_fd = -1, .n_cameras = n_cameras, .shim = shim};
     for (int k = 0; k < LS_FOLDER_MAX_CAMERAS; k++)
         folder->camera_fd[k] = folder->raw_fd[k] = -1;
 }
@@ -74,8 +73,8 @@ static enum ls_err subfolders(struct ls_take_folder *folder, bool keep_raw, stru
 
 static enum ls_err open_journal(struct ls_take_folder *folder, int flags, struct ls_diag *diag)
 {
-    folder->journal_fd = openat(folder->dir_fd, "journal",
-                                O_WRONLY | O_APPEND | O_CLOEXEC | flags, 0644);
+    folder->journal_fd =
+        openat(folder->dir_fd, "journal", O_WRONLY | O_APPEND | O_CLOEXEC | flags, 0644);
     if (folder->journal_fd < 0)
         return fail("open the journal of", folder->path, diag);
     if (flock(folder->journal_fd, LOCK_EX | LOCK_NB))
@@ -200,10 +199,12 @@ enum ls_err ls_take_folder_sweep(struct ls_take_folder *folder, struct ls_diag *
 static enum ls_err too_little(uint64_t need, uint64_t spare, uint64_t available, const char *why,
                               struct ls_diag *diag)
 {
-    return ls_fail(diag, LS_ERR_FULL, "the disk has %.1f MB free; the take needs %.1f MB and %.1f "
+    return ls_fail(diag, LS_ERR_FULL,
+                   "the disk has %.1f MB free; the take needs %.1f MB and %.1f "
                    "MB are to stay free (%llu, %llu, %llu bytes)%s%s: make room or choose another "
-                   "storage folder", (double)available / 1e6, (double)need / 1e6,
-                   (double)spare / 1e6, (unsigned long long)available, (unsigned long long)need,
+                   "storage folder",
+                   (double)available / 1e6, (double)need / 1e6, (double)spare / 1e6,
+                   (unsigned long long)available, (unsigned long long)need,
                    (unsigned long long)spare, *why ? "; " : "", why);
 }
 
@@ -217,8 +218,8 @@ enum ls_err ls_take_folder_reserve(struct ls_take_folder *folder, uint64_t need_
     if (available < spare_bytes || available - spare_bytes < need_bytes)
         return too_little(need_bytes, spare_bytes, available, "", diag);
     struct ls_diag why = {0};
-    enum ls_err err = ls_disk_create(folder->shim, folder->dir_fd, reserve_name,
-                                     &folder->reserve_fd, &why);
+    enum ls_err err =
+        ls_disk_create(folder->shim, folder->dir_fd, reserve_name, &folder->reserve_fd, &why);
     if (!err)
         err = ls_disk_allocate(folder->shim, folder->reserve_fd, reserve_name, need_bytes, &why);
     folder->reserved_bytes = err ? 0 : need_bytes;
@@ -234,8 +235,8 @@ enum ls_err ls_take_folder_release(struct ls_take_folder *folder, uint64_t n_byt
     if (folder->reserve_fd < 0 || !folder->reserved_bytes)
         return LS_OK;
     folder->reserved_bytes -= n < folder->reserved_bytes ? n : folder->reserved_bytes;
-    return ls_disk_truncate(folder->shim, folder->reserve_fd, reserve_name,
-                            folder->reserved_bytes, diag);
+    return ls_disk_truncate(folder->shim, folder->reserve_fd, reserve_name, folder->reserved_bytes,
+                            diag);
 }
 
 static void close_fd(int *fd)

@@ -61,8 +61,8 @@ static int put_head(json_t *document, const struct ls_take_head *head, json_t *m
 }
 
 enum ls_err ls_take_head_write(const struct ls_take_head *head, const char *text_in,
-                               const char *const *missing, size_t n_missing,
-                               const char *skips_json, char **text, struct ls_diag *diag)
+                               const char *const *missing, size_t n_missing, const char *skips_json,
+                               char **text, struct ls_diag *diag)
 {
     json_t *document = NULL, *skips = NULL;
     enum ls_err err = load(text_in, strlen(text_in), "the take's document", &document, diag);
@@ -90,8 +90,10 @@ static enum ls_err parse_conditions(const json_t *array, struct ls_take_head *he
 {
     size_t n = json_array_size(array);
     if (!json_is_array(array) || n > MAX_CONDITIONS)
-        return ls_fail(diag, LS_ERR_INVALID, "take.json: planned.conditions: expected an array of "
-                       "at most %d ids", MAX_CONDITIONS);
+        return ls_fail(diag, LS_ERR_INVALID,
+                       "take.json: planned.conditions: expected an array of "
+                       "at most %d ids",
+                       MAX_CONDITIONS);
     head->conditions = calloc(n ? n : 1, sizeof *head->conditions);
     for (size_t k = 0; head->conditions && k < n; k++) {
         const char *id = json_string_value(json_array_get(array, k));
@@ -128,11 +130,14 @@ static enum ls_err parse(const json_t *document, struct ls_take_head *head, stru
                        "shots", &shots, "cameras", &cameras, "conditions", &conditions))
         return ls_fail(diag, LS_ERR_INVALID, "take.json: %s", error.text);
     if (format != LS_TAKE_FORMAT)
-        return ls_fail(diag, LS_ERR_UNSUPPORTED, "take.json: format %lld: this program reads "
-                       "format %d", (long long)format, LS_TAKE_FORMAT);
+        return ls_fail(diag, LS_ERR_UNSUPPORTED,
+                       "take.json: format %lld: this program reads "
+                       "format %d",
+                       (long long)format, LS_TAKE_FORMAT);
     if (shots < 0 || shots > UINT32_MAX || cameras < 1 || cameras > MAX_CAMERAS ||
         !ls_takedir_name_ok(name, 64) || strlen(utc) >= sizeof head->utc)
-        return ls_fail(diag, LS_ERR_INVALID, "take.json: name, utc, shots or cameras are out of "
+        return ls_fail(diag, LS_ERR_INVALID,
+                       "take.json: name, utc, shots or cameras are out of "
                        "range");
     head->n_shots = (uint32_t)shots;
     head->n_cameras = (uint32_t)cameras;

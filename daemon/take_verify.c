@@ -28,13 +28,14 @@ static uint8_t validity_of(uint16_t half)
     }
 }
 
-static enum ls_err read_validity(const void *bytes, size_t n_bytes, const struct ls_exr_plane *plane,
-                                 uint8_t **validity, struct ls_diag *diag)
+static enum ls_err read_validity(const void *bytes, size_t n_bytes,
+                                 const struct ls_exr_plane *plane, uint8_t **validity,
+                                 struct ls_diag *diag)
 {
     struct ls_exr_plane flags;
     *validity = NULL;
-    enum ls_err err = ls_exr_read_plane(bytes, n_bytes, "validity", picture_limit_bytes, &flags,
-                                        diag);
+    enum ls_err err =
+        ls_exr_read_plane(bytes, n_bytes, "validity", picture_limit_bytes, &flags, diag);
     if (err)
         return err == LS_ERR_NOT_FOUND ? LS_OK : err;
     size_t n = (size_t)flags.width * flags.height;
@@ -51,8 +52,7 @@ static enum ls_err read_validity(const void *bytes, size_t n_bytes, const struct
 static enum ls_err compare(const struct ls_published *want, const struct ls_published *got,
                            struct ls_diag *diag)
 {
-    if (got->width != want->width || got->height != want->height ||
-        got->is_float != want->is_float)
+    if (got->width != want->width || got->height != want->height || got->is_float != want->is_float)
         return ls_fail(diag, LS_ERR_MISMATCH, "%s: %u x %u %s: the journal says %u x %u %s",
                        want->file, got->width, got->height, got->is_float ? "float" : "half",
                        want->width, want->height, want->is_float ? "float" : "half");
@@ -84,8 +84,8 @@ enum ls_err ls_published_check(const struct ls_published *published, const void 
     if (err) {
         ls_fail(diag, err, "%s: %s", published->file, why.text);
     } else {
-        struct ls_exr_mosaic mosaic = {.width = plane.width, .height = plane.height,
-                                       .validity = validity};
+        struct ls_exr_mosaic mosaic = {
+            .width = plane.width, .height = plane.height, .validity = validity};
         if (plane.type == LS_EXR_HALF)
             mosaic.half = plane.samples;
         else
@@ -155,8 +155,7 @@ static void verify_tickets(const struct ls_takedir *take, const uint8_t *have,
     g_string_free(ranges, TRUE);
 }
 
-static void verify_raw(const struct ls_takedir *take, const struct ls_ticket *ticket,
-                       GString *text)
+static void verify_raw(const struct ls_takedir *take, const struct ls_ticket *ticket, GString *text)
 {
     char *path = g_strdup_printf("%s/cam%u/raw/%u-%u.raw", take->folder, ticket->camera,
                                  ticket->shot, ticket->attempt);
@@ -192,8 +191,10 @@ enum ls_err ls_takedir_verify(const struct ls_takedir *take, struct ls_take_repo
         verify_raw(take, ticket, text);
     }
     if (take->torn_bytes)
-        g_string_append_printf(text, "the journal ends in %zu bytes of a torn record, which do not "
-                               "count\n", take->torn_bytes);
+        g_string_append_printf(text,
+                               "the journal ends in %zu bytes of a torn record, which do not "
+                               "count\n",
+                               take->torn_bytes);
     g_free(have);
     report->text = g_string_free(text, FALSE);
     return LS_OK;

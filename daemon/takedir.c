@@ -22,7 +22,10 @@ bool ls_takedir_name_ok(const char *name, size_t max_length)
 
 bool ls_takedir_id_ok(const char *id)
 {
-    static const char stamp[] = "dddddddd" "T" "dddddd" "Z-"; /* d = digit */
+    static const char stamp[] = "dddddddd"
+                                "T"
+                                "dddddd"
+                                "Z-"; /* d = digit */
     size_t n = strlen(id), head = sizeof stamp - 1;
     if (n < head + 1 + 7 || n > head + 64 + 7 || !ls_takedir_name_ok(id, n))
         return false;

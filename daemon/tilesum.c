@@ -66,8 +66,7 @@ static uint32_t count_invalid(const struct ls_exr_mosaic *mosaic, struct tile ti
     return n;
 }
 
-static enum ls_err sum_validity(const struct ls_exr_mosaic *mosaic,
-                                struct ls_published *published)
+static enum ls_err sum_validity(const struct ls_exr_mosaic *mosaic, struct ls_published *published)
 {
     uint32_t total = 0;
     published->tile_invalid = calloc(published->n_tiles, sizeof *published->tile_invalid);
@@ -76,8 +75,8 @@ static enum ls_err sum_validity(const struct ls_exr_mosaic *mosaic,
     for (uint32_t k = 0; k < published->n_tiles; k++)
         total += published->tile_invalid[k] = count_invalid(mosaic, tile_at(mosaic, k));
     if (total) {
-        published->validity_crc = ls_crc32c(0, mosaic->validity,
-                                            (size_t)mosaic->width * mosaic->height);
+        published->validity_crc =
+            ls_crc32c(0, mosaic->validity, (size_t)mosaic->width * mosaic->height);
     } else {
         free(published->tile_invalid);
         published->tile_invalid = NULL;

@@ -26,8 +26,9 @@ static void test_both_ways_agree(void)
         for (size_t n = 0; start + n <= sizeof bytes; n++) {
             uint32_t whole = ls_crc32c(0, bytes + start, n);
             g_assert_cmphex(whole, ==, ls_crc32c_portable(0, bytes + start, n));
-            g_assert_cmphex(whole, ==, ls_crc32c(ls_crc32c(0, bytes + start, n / 3),
-                                                 bytes + start + n / 3, n - n / 3));
+            g_assert_cmphex(
+                whole, ==,
+                ls_crc32c(ls_crc32c(0, bytes + start, n / 3), bytes + start + n / 3, n - n / 3));
         }
     g_rand_free(rand);
 }

@@ -165,15 +165,22 @@ static void test_layers(void)
     enum { W = 70, H = 67 };
     static const char *const names[6] = {"white.R", "white.G", "white.B",
                                          "blue.R",  "blue.G",  "blue.B"};
-    float *pixels = g_new(float, W * H * 6);
+    float *pixels = g_new(float, W *H * 6);
     struct ls_exr_channel channels[6];
     for (size_t k = 0; k < W * H * 6; k++)
         pixels[k] = (float)(k % 2048) - 1000; /* exact in half */
     for (int c = 0; c < 6; c++)
-        channels[c] = (struct ls_exr_channel){names[c], c < 3 ? LS_EXR_HALF : LS_EXR_FLOAT,
-                                              LS_EXR_FROM_FLOAT, pixels + c, 24, 24 * W};
-    struct ls_exr_part part = {.width = W, .height = H, .x = 10, .y = 20, .display_width = 200,
-                               .display_height = 100, .channels = channels, .n_channels = 6};
+        channels[c] = (struct ls_exr_channel){
+            names[c], c < 3 ? LS_EXR_HALF : LS_EXR_FLOAT, LS_EXR_FROM_FLOAT, pixels + c, 24,
+            24 * W};
+    struct ls_exr_part part = {.width = W,
+                               .height = H,
+                               .x = 10,
+                               .y = 20,
+                               .display_width = 200,
+                               .display_height = 100,
+                               .channels = channels,
+                               .n_channels = 6};
     uint8_t *bytes;
     size_t n;
     g_assert_cmpint(ls_exr_write(&part, 1, &bytes, &n, NULL), ==, LS_OK);
@@ -213,8 +220,8 @@ static void test_float_to_half(void)
         {-1e10f, 0xfc00},
         {0x1p-14f, 0x0400},
         {0x1p-24f, 0x0001},
-        {0x1p-25f, 0x0000},      /* tie to even: zero */
-        {0x1.8p-24f, 0x0002},    /* tie to even: two */
+        {0x1p-25f, 0x0000},        /* tie to even: zero */
+        {0x1.8p-24f, 0x0002},      /* tie to even: two */
         {1.0f + 0x1p-11f, 0x3c00}, /* tie to even */
         {1.0f + 0x3p-11f, 0x3c02},
         {1.0f + 0x1.002p-11f, 0x3c01},
@@ -253,7 +260,8 @@ static void test_map_tiles(void)
         }
     ls_exr_tiles_finish(&tiles);
     for (size_t cut = 0; cut < n; cut += cut < n - 40 ? 97 : 1) {
-        uint8_t *copy = g_memdup2(bytes, cut ? cut : 1); /* its own block: a checker sees overruns */
+        uint8_t *copy =
+            g_memdup2(bytes, cut ? cut : 1); /* its own block: a checker sees overruns */
         enum ls_err err = ls_exr_map_tiles(copy, cut, "validity", &tiles, NULL);
         g_assert_cmpint(err, !=, LS_OK);
         g_free(copy);
@@ -262,7 +270,8 @@ static void test_map_tiles(void)
     g_free(half);
 }
 
-/* Chunk table entries of tile 1 and others made equal to tile 0's, beyond the end, or in between. */
+/* Chunk table entries of tile 1 and others made equal to tile 0's, beyond the end, or in between.
+ */
 static void test_map_refuses_a_lying_chunk_table(void)
 {
     uint16_t *half = random_halves(9, 128 * 128);
@@ -277,7 +286,8 @@ static void test_map_refuses_a_lying_chunk_table(void)
     uint64_t entry;
     memcpy(&entry, table, 8);
     g_assert_cmpuint(entry, ==, first);
-    const uint64_t lies[] = {0, first, first + 1, n, n - 3, UINT64_MAX, (uint64_t)1 << 63, first - 8};
+    const uint64_t lies[] = {0,     first,      first + 1,         n,
+                             n - 3, UINT64_MAX, (uint64_t)1 << 63, first - 8};
     for (size_t k = 0; k < G_N_ELEMENTS(lies); k++) {
         uint8_t *copy = g_memdup2(bytes, n);
         memcpy(copy + (second - bytes), &lies[k], 8);
@@ -316,17 +326,37 @@ static void assert_has(const char *text, const char *const *words, size_t n)
 
 static void test_debian_tools_read_it(void)
 {
-    static const char *const names[] = {
-        "expTime", "capDate", "utcOffset", "cameraMake", "cameraModel", "cameraSerialNumber",
-        "lensModel", "aperture", "isoSpeed", "timeCode", "worldToCamera", "lightstage/take",
-        "lightstage/light", "lightstage/direction", "lightstage/position", "lightstage/channel",
-        "lightstage/duty", "lightstage/gain", "lightstage/referenceExposure", "lightstage/cfa",
-        "lightstage/blackSubtracted", "validity"};
+    static const char *const names[] = {"expTime",
+                                        "capDate",
+                                        "utcOffset",
+                                        "cameraMake",
+                                        "cameraModel",
+                                        "cameraSerialNumber",
+                                        "lensModel",
+                                        "aperture",
+                                        "isoSpeed",
+                                        "timeCode",
+                                        "worldToCamera",
+                                        "lightstage/take",
+                                        "lightstage/light",
+                                        "lightstage/direction",
+                                        "lightstage/position",
+                                        "lightstage/channel",
+                                        "lightstage/duty",
+                                        "lightstage/gain",
+                                        "lightstage/referenceExposure",
+                                        "lightstage/cfa",
+                                        "lightstage/blackSubtracted",
+                                        "validity"};
     /* names that OpenImageIO gives the standard ones */
     static const char *const oiio[] = {"lightstage/take: \"20240517T120000Z-still-00beef\"",
-                                       "lightstage/light: 137", "lightstage/direction: 0.6, 0.8, 0",
-                                       "lightstage/referenceExposure: 0.01", "DateTime:",
-                                       "worldToCamera: 1, 0", "validity", "tile size: 64 x 64",
+                                       "lightstage/light: 137",
+                                       "lightstage/direction: 0.6, 0.8, 0",
+                                       "lightstage/referenceExposure: 0.01",
+                                       "DateTime:",
+                                       "worldToCamera: 1, 0",
+                                       "validity",
+                                       "tile size: 64 x 64",
                                        "half"};
     if (!have("exrheader") || !have("oiiotool"))
         return g_test_skip("exrheader or oiiotool is not installed");
@@ -379,9 +409,9 @@ static void test_reads_what_oiiotool_writes(void)
     if (!have("oiiotool"))
         return g_test_skip("oiiotool is not installed");
     char *folder = g_dir_make_tmp("ls-exr-XXXXXX", NULL);
-    char *in = g_build_filename(folder, "in.exr", NULL), *out = g_build_filename(folder, "o.exr",
-                                                                                 NULL);
-    struct ls_image image = {W, H, 3, g_new(float, W * H * 3)}, got;
+    char *in = g_build_filename(folder, "in.exr", NULL),
+         *out = g_build_filename(folder, "o.exr", NULL);
+    struct ls_image image = {W, H, 3, g_new(float, W *H * 3)}, got;
     uint8_t *bytes;
     size_t n;
     for (size_t k = 0; k < W * H * 3; k++) /* smooth, in [0, 1], exact in half */
@@ -390,8 +420,8 @@ static void test_reads_what_oiiotool_writes(void)
     g_assert_true(g_file_set_contents(in, (char *)bytes, (gssize)n, NULL));
     free(bytes);
     for (size_t k = 0; k < G_N_ELEMENTS(cases); k++) {
-        char *command = g_strdup_printf("oiiotool %s --tile 0 0 %s -o %s", in, cases[k].options,
-                                        out);
+        char *command =
+            g_strdup_printf("oiiotool %s --tile 0 0 %s -o %s", in, cases[k].options, out);
         if (strstr(cases[k].options, "--tile")) {
             g_free(command);
             command = g_strdup_printf("oiiotool %s %s -o %s", in, cases[k].options, out);

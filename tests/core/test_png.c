@@ -74,8 +74,7 @@ static void test_kinds(void)
     static const guint8 grey1[] = {0, 0xa0}, rgb8[] = {0, 255, 51, 0};
     static const guint8 rgb16[] = {0, 0xff, 0xff, 0x00, 0x01, 0x12, 0x34};
     static const guint8 palette[] = {255, 0, 51, 0, 51, 255}, indices[] = {0, 1, 0};
-    assert_values(by_hand(3, 1, 8, 0, NULL, NULL, 0, grey8, 4), false, 1,
-                  (double[]){0, 0.2, 1}, 3);
+    assert_values(by_hand(3, 1, 8, 0, NULL, NULL, 0, grey8, 4), false, 1, (double[]){0, 0.2, 1}, 3);
     assert_values(by_hand(2, 1, 16, 0, NULL, NULL, 0, grey16, 5), false, 1,
                   (double[]){0x8001 / 65535.0, 1}, 2);
     assert_values(by_hand(3, 1, 1, 0, NULL, NULL, 0, grey1, 2), false, 1, (double[]){1, 0, 1}, 3);
@@ -138,7 +137,8 @@ static void test_random_damage(void)
         struct ls_image image;
         /* kind and size with a right checksum, so that the damage gets in */
         for (int flips = g_rand_int_range(rand, 1, 3); flips; flips--)
-            file->data[g_rand_int_range(rand, 16, 29)] ^= (guint8)(1 << g_rand_int_range(rand, 0, 8));
+            file->data[g_rand_int_range(rand, 16, 29)] ^=
+                (guint8)(1 << g_rand_int_range(rand, 0, 8));
         guint32 crc = GUINT32_TO_BE((guint32)crc32(0, file->data + 12, 17));
         memcpy(file->data + 29, &crc, 4);
         if (read_png(file, k % 2, &image, NULL) == LS_OK)

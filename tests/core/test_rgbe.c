@@ -7,7 +7,6 @@
 
 static const size_t limit = 64 << 20;
 
-
 static GByteArray *start(const char *header)
 {
     GByteArray *file = g_byte_array_new();
@@ -121,11 +120,11 @@ static void test_refusals(void)
 /* One scanline of 10 pixels by new runs, one by old runs, both saying the same. */
 static void test_runs(void)
 {
-    static const guint8 modern[] = {2, 2, 0, 10, 128 + 10, 7, 3, 1, 2, 3, 128 + 7, 9,
-                                    10, 0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 128 + 10, 128};
-    static const guint8 old[] = {7, 1, 0, 128, 7, 2, 1, 128, 7, 3, 2, 128, 7, 9, 3, 128,
-                                 7, 9, 4, 128, 7, 9, 5, 128, 7, 9, 6, 128, 7, 9, 7, 128,
-                                 7, 9, 8, 128, 7, 9, 9, 128};
+    static const guint8 modern[] = {2, 2, 0, 10, 128 + 10, 7, 3, 1, 2, 3, 128 + 7,  9,  10,
+                                    0, 1, 2, 3,  4,        5, 6, 7, 8, 9, 128 + 10, 128};
+    static const guint8 old[] = {7, 1,   0, 128, 7, 2,   1, 128, 7, 3,   2, 128, 7, 9,
+                                 3, 128, 7, 9,   4, 128, 7, 9,   5, 128, 7, 9,   6, 128,
+                                 7, 9,   7, 128, 7, 9,   8, 128, 7, 9,   9, 128};
     static const guint8 repeat[] = {7, 9, 1, 128, 1, 1, 1, 9};
     struct ls_image a, b;
     GByteArray *file = start(HEAD "\n-Y 2 +X 10\n");

@@ -58,8 +58,7 @@ static enum ls_err replay(const char *text, size_t n, struct seen *seen, size_t 
                           struct ls_diag *diag)
 {
     *seen = (struct seen){0};
-    const struct ls_journal_reader reader = {seen, see_ticket, see_published, see_alarm,
-                                             see_state};
+    const struct ls_journal_reader reader = {seen, see_ticket, see_published, see_alarm, see_state};
     char *copy = g_memdup2(text, n ? n : 1); /* its own block: a checker sees overruns */
     enum ls_err err = ls_journal_replay(copy, n, &reader, n_good, diag);
     g_free(copy);
@@ -67,19 +66,41 @@ static enum ls_err replay(const char *text, size_t n, struct seen *seen, size_t 
 }
 
 static const struct ls_ticket a_ticket = {
-    .shot = 4000000000u, .step = 2, .camera = 1, .attempt = 3, .condition = 4, .exposure = 5,
-    .repeat = 6, .pulse_us = 1250.125, .controller_step = 7, .width_us = 1251,
-    .controller_us = 1ull << 62, .frame_id = 70000, .camera_ns = 123456789012345678,
-    .host_ns = 8, .status = LS_FRAME_OK, .trigger_counter = 9, .chunk_exposure_us = 1263.8,
-    .exposure_used_us = 1263.825, .residual_us = -0.1, .raw_crc32c = 0xdeadbeef,
+    .shot = 4000000000u,
+    .step = 2,
+    .camera = 1,
+    .attempt = 3,
+    .condition = 4,
+    .exposure = 5,
+    .repeat = 6,
+    .pulse_us = 1250.125,
+    .controller_step = 7,
+    .width_us = 1251,
+    .controller_us = 1ull << 62,
+    .frame_id = 70000,
+    .camera_ns = 123456789012345678,
+    .host_ns = 8,
+    .status = LS_FRAME_OK,
+    .trigger_counter = 9,
+    .chunk_exposure_us = 1263.8,
+    .exposure_used_us = 1263.825,
+    .residual_us = -0.1,
+    .raw_crc32c = 0xdeadbeef,
     .raw_bytes = 8388608,
 };
 
 static struct ls_published a_picture(uint32_t *crc, uint32_t *max, uint32_t *invalid, bool is_float)
 {
-    struct ls_published p = {.camera = 1, .bytes = 12345678901, .width = 100, .height = 65,
-                             .is_float = is_float, .n_tiles = 4, .tile_crc = crc, .tile_max = max,
-                             .tile_invalid = invalid, .validity_crc = invalid ? 77 : 0};
+    struct ls_published p = {.camera = 1,
+                             .bytes = 12345678901,
+                             .width = 100,
+                             .height = 65,
+                             .is_float = is_float,
+                             .n_tiles = 4,
+                             .tile_crc = crc,
+                             .tile_max = max,
+                             .tile_invalid = invalid,
+                             .validity_crc = invalid ? 77 : 0};
     strcpy(p.condition, "W-0137");
     strcpy(p.file, "cam1/W-0137.exr");
     return p;
@@ -164,8 +185,8 @@ static void test_damage_in_the_middle(void)
     size_t n_good, second;
     fill(&batch);
     second = (size_t)((char *)memchr(batch.text, '\n', batch.n) + 1 - batch.text);
-    size_t third = (size_t)((char *)memchr(batch.text + second, '\n', batch.n - second) + 1 -
-                            batch.text);
+    size_t third =
+        (size_t)((char *)memchr(batch.text + second, '\n', batch.n - second) + 1 - batch.text);
     for (size_t at = second; at < third - 1; at++) {
         struct ls_diag diag = {0};
         char *copy = g_memdup2(batch.text, batch.n);
@@ -185,8 +206,14 @@ static void add_raw_line(GString *text, const char *json)
 static void test_nonsense(void)
 {
     static const char *const bad[] = {
-        "{}", "[]", "3", "{\"k\":3}", "{\"k\":\"ticket\"}", "{\"k\":\"alarm\"}",
-        "{\"k\":\"state\",\"state\":5}", "{\"k\":\"published\"}",
+        "{}",
+        "[]",
+        "3",
+        "{\"k\":3}",
+        "{\"k\":\"ticket\"}",
+        "{\"k\":\"alarm\"}",
+        "{\"k\":\"state\",\"state\":5}",
+        "{\"k\":\"published\"}",
         "{\"k\":\"published\",\"condition\":\"a\",\"camera\":0,\"file\":\"../../etc/passwd\","
         "\"bytes\":1,\"width\":1,\"height\":1,\"type\":\"half\",\"crc\":\"00000000\",\"max\":"
         "\"0000\"}",

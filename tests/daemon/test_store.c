@@ -35,7 +35,9 @@ static void test_whole_take(void)
     g_assert_cmpuint(stats.published, ==, 2 * N_CONDITIONS);
     g_assert_cmpuint(stats.queued, ==, 0);
     const char *missing[] = {"cam0/W-9999"};
-    struct ls_store_end end = {.state = LS_STORE_INCOMPLETE, .missing = missing, .n_missing = 1,
+    struct ls_store_end end = {.state = LS_STORE_INCOMPLETE,
+                               .missing = missing,
+                               .n_missing = 1,
                                .take_json = "{\"plan\": {\"x\": 2}, \"state\": \"mine\"}"};
     g_assert_cmpint(ls_store_set_state(store, &end, NULL), ==, LS_OK);
     char *folder = g_strdup(ls_store_folder(store));
@@ -58,8 +60,8 @@ static void test_whole_take(void)
     json_t *json = json_loads(take->take_json, 0, NULL);
     int format, x;
     const char *state, *utc, *gone;
-    g_assert_cmpint(json_unpack(json, "{s:i, s:s, s:s, s:{s:i}, s:[s]}", "format", &format,
-                                "state", &state, "utc", &utc, "plan", "x", &x, "missing", &gone),
+    g_assert_cmpint(json_unpack(json, "{s:i, s:s, s:s, s:{s:i}, s:[s]}", "format", &format, "state",
+                                &state, "utc", &utc, "plan", "x", &x, "missing", &gone),
                     ==, 0);
     g_assert_cmpint(format, ==, LS_TAKE_FORMAT);
     g_assert_cmpstr(state, ==, "incomplete");
@@ -77,12 +79,23 @@ static void test_whole_take(void)
 
 static void test_bad_names(void)
 {
-    static const char *const names[] = {"", "a b", "../x", "a/b", ".", "\xc3\xa4", "a.exr",
+    static const char *const names[] = {"",
+                                        "a b",
+                                        "../x",
+                                        "a/b",
+                                        ".",
+                                        "\xc3\xa4",
+                                        "a.exr",
                                         "01234567890123456789012345678901234567890123456789"
                                         "012345678901234"};
-    static const char *const ids[] = {"", "..", "20240517T120000Z-a-00beeg", "20240517T120000Z-a",
-                                      "20240517T120000Z--00beef", "2024051xT120000Z-a-00beef",
-                                      "20240517T120000Z-a/-00beef", "20240517T120000Z-a-00BEEF"};
+    static const char *const ids[] = {"",
+                                      "..",
+                                      "20240517T120000Z-a-00beeg",
+                                      "20240517T120000Z-a",
+                                      "20240517T120000Z--00beef",
+                                      "2024051xT120000Z-a-00beef",
+                                      "20240517T120000Z-a/-00beef",
+                                      "20240517T120000Z-a-00BEEF"};
     char *root = new_root();
     struct ls_store_config config = a_take(root);
     struct ls_store *store;
@@ -327,7 +340,8 @@ static void test_back_pressure(void)
     ls_store_stats(store, &stats);
     g_assert_cmpuint(stats.published, ==, 4 * N_CONDITIONS);
     /* one sync per 16 pictures or 50 ms, one more for each of start, flush and rounding */
-    uint32_t most = 4 * N_CONDITIONS / 16 + (uint32_t)((g_get_monotonic_time() - begun) / 50000) + 3;
+    uint32_t most =
+        4 * N_CONDITIONS / 16 + (uint32_t)((g_get_monotonic_time() - begun) / 50000) + 3;
     g_test_message("%u commits, at most %u", stats.commits, most);
     g_assert_cmpuint(stats.commits, <=, most);
     char *folder = g_strdup(ls_store_folder(store));

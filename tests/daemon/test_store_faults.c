@@ -286,8 +286,8 @@ static int on_a_small_disk(const char *root)
     config.need_bytes = 2 << 20;
     g_assert_cmpint(ls_store_create(&config, &second, &diag), ==, LS_ERR_FULL);
     char *other = g_build_filename(root, "other", NULL), *junk = g_malloc0(8 << 20);
-    g_assert_false(g_file_set_contents_full(other, junk, 8 << 20, G_FILE_SET_CONTENTS_NONE, 0600,
-                                            NULL));
+    g_assert_false(
+        g_file_set_contents_full(other, junk, 8 << 20, G_FILE_SET_CONTENTS_NONE, 0600, NULL));
     FILE *file = fopen(other, "w");
     while (fwrite(junk, 1, 4096, file) == 4096 && !fflush(file))
         ;
