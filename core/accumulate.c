@@ -48,9 +48,10 @@ static unsigned rows_c(const void *const halfs[GROUP], const float (*w)[GROUP], 
 }
 
 #if defined(__x86_64__)
-__attribute__((target("avx2,f16c"))) static unsigned
-rows_f16c(const void *const halfs[GROUP], const float (*w)[GROUP], uint32_t n_sums, uint32_t count,
-          float *acc, size_t acc_stride)
+__attribute__((target("avx2,f16c"))) static unsigned rows_f16c(const void *const halfs[GROUP],
+                                                               const float (*w)[GROUP],
+                                                               uint32_t n_sums, uint32_t count,
+                                                               float *acc, size_t acc_stride)
 {
     const __m256 infinity = _mm256_set1_ps(INFINITY), sign = _mm256_set1_ps(-0.0f);
     unsigned not_finite = 0;
@@ -60,8 +61,7 @@ rows_f16c(const void *const halfs[GROUP], const float (*w)[GROUP], uint32_t n_su
         for (int i = 0; i < GROUP; i++) {
             const __m128i *in = (const __m128i *)((const char *)halfs[i] + 2 * (size_t)j);
             v[i] = _mm256_cvtph_ps(_mm_loadu_si128(in));
-            __m256 finite =
-                _mm256_cmp_ps(_mm256_andnot_ps(sign, v[i]), infinity, _CMP_LT_OQ);
+            __m256 finite = _mm256_cmp_ps(_mm256_andnot_ps(sign, v[i]), infinity, _CMP_LT_OQ);
             v[i] = _mm256_and_ps(v[i], finite);
             not_finite += 8u - (unsigned)__builtin_popcount((unsigned)_mm256_movemask_ps(finite));
         }

@@ -23,8 +23,8 @@ void ls_latlong_uv(const double d[3], double *u, double *v)
 
 double ls_lobe_radiance(const struct ls_lobe *lobe, const double d[3])
 {
-    double cosine = d[0] * lobe->direction[0] + d[1] * lobe->direction[1] +
-                    d[2] * lobe->direction[2];
+    double cosine =
+        d[0] * lobe->direction[0] + d[1] * lobe->direction[1] + d[2] * lobe->direction[2];
     return lobe->radiance * exp(lobe->sharpness * (fmin(cosine, 1) - 1));
 }
 
@@ -112,8 +112,9 @@ static enum ls_err parse_spectrum(const json_t *json, size_t lobe, struct ls_spe
                        "\"value\" of equal length, found %zu and %zu",
                        lobe, n, json_array_size(value));
     if (n > LS_LOBE_MAX_SAMPLES)
-        return ls_fail(diag, LS_ERR_LIMIT, "environment: lobe %zu: %zu samples: expected at most "
-                                           "%d",
+        return ls_fail(diag, LS_ERR_LIMIT,
+                       "environment: lobe %zu: %zu samples: expected at most "
+                       "%d",
                        lobe, n, LS_LOBE_MAX_SAMPLES);
     LS_CLEANUP_FREE double *samples = calloc(2 * n, sizeof *samples);
     if (!samples)

@@ -114,8 +114,8 @@ static uint32_t nearest(const struct sites *sites, const uint32_t *candidates, s
 
 /* Of @in, those whose cell can meet the cone of half-angle @radius about @centre: all but the ones
  * beaten everywhere in it by the site nearest to its centre. */
-static size_t prune(const struct sites *sites, const uint32_t *in, size_t n,
-                    const double centre[3], double radius, uint32_t *out)
+static size_t prune(const struct sites *sites, const uint32_t *in, size_t n, const double centre[3],
+                    double radius, uint32_t *out)
 {
     uint32_t best = nearest(sites, in, n, centre);
     double reach = radius < M_PI_2 ? sin(radius) : 2;
@@ -189,8 +189,7 @@ static void give(const struct walk *walk, const struct box *box, uint32_t site, 
     for (uint32_t y = (uint32_t)box->y0; y < box->y1; y++) {
         double y0 = fmax(box->y0, y), y1 = fmin(box->y1, (double)y + 1);
         for (uint32_t x = (uint32_t)box->x0; x < box->x1; x++) {
-            double sr =
-                solid_angle(walk, fmax(box->x0, x), y0, fmin(box->x1, (double)x + 1), y1);
+            double sr = solid_angle(walk, fmax(box->x0, x), y0, fmin(box->x1, (double)x + 1), y1);
             const float *rgb = walk->map->rgb + 3 * ((size_t)y * walk->width + x);
             for (int c = 0; c < 3; c++)
                 sum[c] += share * sr * (double)rgb[c];
@@ -309,8 +308,12 @@ static enum ls_err integrate(const struct sites *sites, const struct ls_map *map
     LS_CLEANUP_FREE double *per_site = calloc(sites->n * columns, sizeof *per_site);
     if (!per_site)
         return ls_fail(diag, LS_ERR_NOMEM, "weights: out of memory");
-    struct walk walk = {.sites = sites, .map = map, .columns = columns, .per_site = per_site,
-                        .width = map ? map->width : 1, .height = map ? map->height : 1};
+    struct walk walk = {.sites = sites,
+                        .map = map,
+                        .columns = columns,
+                        .per_site = per_site,
+                        .width = map ? map->width : 1,
+                        .height = map ? map->height : 1};
     enum ls_err err = run(&walk, diag);
     if (!err)
         spread(sites, per_site, columns, weights);
@@ -407,9 +410,12 @@ static enum ls_err integrate_lobes(const struct sites *sites, const struct ls_lo
         return ls_fail(diag, LS_ERR_NOMEM, "weights: out of memory");
     for (size_t l = 0; !err && l < lobes->n; l++) {
         struct sites turned = *sites;
-        struct walk walk = {.sites = &turned, .lobe = &lobes->item[l],
-                            .columns = (uint32_t)lobes->n, .per_site = per_site + l,
-                            .width = 1, .height = 1};
+        struct walk walk = {.sites = &turned,
+                            .lobe = &lobes->item[l],
+                            .columns = (uint32_t)lobes->n,
+                            .per_site = per_site + l,
+                            .width = 1,
+                            .height = 1};
         turned.d = d;
         into_frame(sites, lobes->item[l].direction, d);
         err = run(&walk, diag);

@@ -69,8 +69,9 @@ static enum ls_err check_sizes(const struct ls_field *field, struct ls_diag *dia
                        field->n_channels, field->cfa == LS_CFA_NONE ? 1 : 3);
     if (!field->white || !field->k || !field->g || !field->omega_sr || !field->directions ||
         !field->p || !field->duty || !field->factor)
-        return ls_fail(diag, LS_ERR_INVALID, "field: pictures, gains, solid angles, directions, p, "
-                                             "duties or factors are missing");
+        return ls_fail(diag, LS_ERR_INVALID,
+                       "field: pictures, gains, solid angles, directions, p, "
+                       "duties or factors are missing");
     if (!positive(field->scale))
         return ls_fail(diag, LS_ERR_INVALID, "field: scale %g: expected a positive number",
                        field->scale);
@@ -103,8 +104,9 @@ static enum ls_err check_spectrum(const struct ls_field *field, uint32_t s, stru
         return ls_fail(diag, LS_ERR_INVALID, "field: spectrum %u: duty %g: expected (0, 1]", s,
                        field->duty[s]);
     if (!(field->factor[s] > 0 && field->factor[s] <= 10))
-        return ls_fail(diag, LS_ERR_INVALID, "field: spectrum %u: droop factor %g: expected (0, 10]",
-                       s, field->factor[s]);
+        return ls_fail(diag, LS_ERR_INVALID,
+                       "field: spectrum %u: droop factor %g: expected (0, 10]", s,
+                       field->factor[s]);
     for (uint32_t c = 0; c < field->n_channels; c++)
         if (!positive(field->p[s * field->n_channels + c]))
             return ls_fail(diag, LS_ERR_INVALID,

@@ -20,8 +20,8 @@ enum ls_solve_space ls_lighting_space(const struct ls_lighting *lighting)
 static void apply_m(const double *m, const double *in, size_t stride, double *out)
 {
     for (int r = 0; r < 3; r++)
-        out[r * (int)stride] = m[3 * r] * in[0] + m[3 * r + 1] * in[stride] +
-                               m[3 * r + 2] * in[2 * stride];
+        out[r * (int)stride] =
+            m[3 * r] * in[0] + m[3 * r + 1] * in[stride] + m[3 * r + 2] * in[2 * stride];
 }
 
 /* L in the space of the solve: [patch][channel][spectrum] */
@@ -76,23 +76,21 @@ static enum ls_err solve_target(const struct ls_lighting *lighting, const double
         b[p] = targets[p * n_targets + t];
         w[p] = lighting->row_weight ? lighting->row_weight[p * n_c + channel] : 1;
     }
-    struct ls_system system = {.rows = n_p, .cols = n_s, .a = a, .b = b, .row_weight = w,
-                               .tikhonov = lighting->tikhonov};
+    struct ls_system system = {
+        .rows = n_p, .cols = n_s, .a = a, .b = b, .row_weight = w, .tikhonov = lighting->tikhonov};
     return solve_one(lighting, &system, alpha + t * n_s, worst, diag);
 }
 
-static enum ls_err check(const struct ls_lighting *lighting, size_t n_targets,
-                         struct ls_diag *diag)
+static enum ls_err check(const struct ls_lighting *lighting, size_t n_targets, struct ls_diag *diag)
 {
     if (lighting->n_channels != 1 && lighting->n_channels != 3)
         return ls_fail(diag, LS_ERR_INVALID, "lighting: %zu camera channels: expected 1 or 3",
                        lighting->n_channels);
     if (lighting->n_patches < 1 || lighting->n_patches > LS_SOLVE_MAX_ROWS / 3 ||
         lighting->n_spectra < 1 || lighting->n_spectra > LS_SOLVE_MAX_COLS)
-        return ls_fail(diag, LS_ERR_INVALID,
-                       "lighting: %zu patches and %zu spectra: expected 1..%d and 1..%d",
-                       lighting->n_patches, lighting->n_spectra, LS_SOLVE_MAX_ROWS / 3,
-                       LS_SOLVE_MAX_COLS);
+        return ls_fail(
+            diag, LS_ERR_INVALID, "lighting: %zu patches and %zu spectra: expected 1..%d and 1..%d",
+            lighting->n_patches, lighting->n_spectra, LS_SOLVE_MAX_ROWS / 3, LS_SOLVE_MAX_COLS);
     bool per_target = lighting->mode == LS_SOLVE_PER_TARGET;
     if (per_target && (n_targets < 1 || n_targets > 3))
         return ls_fail(diag, LS_ERR_INVALID, "lighting: %zu output channels: expected 1..3",
@@ -120,7 +118,10 @@ enum ls_err ls_lighting_solve(const struct ls_lighting *lighting, const double *
     chart_in_space(lighting, l);
     if (lighting->mode == LS_SOLVE_SHARED) {
         shared_targets(lighting, targets, scratch);
-        struct ls_system system = {.rows = n_p * n_c, .cols = n_s, .a = l, .b = scratch,
+        struct ls_system system = {.rows = n_p * n_c,
+                                   .cols = n_s,
+                                   .a = l,
+                                   .b = scratch,
                                    .row_weight = lighting->row_weight,
                                    .tikhonov = lighting->tikhonov};
         err = solve_one(lighting, &system, alpha, &worst, diag);

@@ -183,8 +183,8 @@ enum ls_err ls_promote_ratio(const float *f, const float *v, const float *sigma,
     LS_CLEANUP_FREE float *planes = calloc(n * PLANES, sizeof *planes);
     if (!planes)
         return ls_fail(diag, LS_ERR_NOMEM, "ratio: out of memory");
-    struct samples samples = {.width = width, .height = height,
-                              .plane = {planes, planes + n, planes + 2 * n}};
+    struct samples samples = {
+        .width = width, .height = height, .plane = {planes, planes + n, planes + 2 * n}};
     for (uint32_t c = 0; !err && c < channels; c++) {
         struct window small = {0}, large = {0};
         gather(f + c, v + c, sigma + c, channels, &samples);

@@ -20,7 +20,10 @@ struct pass {
     float *rows; /* [LS_TILE_SIDE][n_sums][LS_TILE_SIDE], the sums of one tile, close together */
     struct ls_accumulate_report *report;
     /* for max_error: pictures by rising bound, what is left out of each sum, who is left out */
-    struct bound { double most; uint32_t picture; } *order;
+    struct bound {
+        double most;
+        uint32_t picture;
+    } * order;
     double *left_out; /* [n_sums] */
     bool *skip;       /* [n_pictures] */
 };
@@ -59,7 +62,7 @@ static void run_group(const struct pass *pass, const struct tile *tile, const ui
                                   2 * (size_t)y * tile->width
                             : (const void *)zero_row;
         float *acc = pass->rows + (size_t)y * n_sums * LS_TILE_SIDE;
-        pass->report->not_finite += pass->kernel->rows(rows, (const float (*)[GROUP])w, n_sums,
+        pass->report->not_finite += pass->kernel->rows(rows, (const float(*)[GROUP])w, n_sums,
                                                        tile->width, acc, LS_TILE_SIDE);
     }
 }
@@ -172,8 +175,9 @@ static enum ls_err check(const struct ls_field *field, const struct ls_accumulat
         return ls_fail(diag, LS_ERR_INVALID, "relight: %u sums: expected 1..%d", job->n_sums,
                        LS_ACCUMULATE_MAX_SUMS);
     if (!(job->max_error >= 0) || (job->max_error > 0 && !job->tile_max))
-        return ls_fail(diag, LS_ERR_INVALID, "relight: an error of %g is asked for: expected a "
-                                             "number >= 0, and the maxima of the tiles",
+        return ls_fail(diag, LS_ERR_INVALID,
+                       "relight: an error of %g is asked for: expected a "
+                       "number >= 0, and the maxima of the tiles",
                        job->max_error);
     for (uint32_t q = 0; q < job->n_sums; q++)
         for (uint32_t i = 0; i < job->n_pictures; i++)
@@ -207,10 +211,14 @@ enum ls_err ls_accumulate_with(const struct ls_accumulate_kernel *kernel,
     enum ls_err err = check(field, job, region, diag);
     if (err)
         return err;
-    struct pass pass = {.kernel = kernel, .field = field, .job = job, .region = region,
+    struct pass pass = {.kernel = kernel,
+                        .field = field,
+                        .job = job,
+                        .region = region,
                         .width = ls_region_width_px(field, region),
                         .height = ls_region_height_px(field, region),
-                        .sums = sums, .report = report ? report : &unused};
+                        .sums = sums,
+                        .report = report ? report : &unused};
     *pass.report = (struct ls_accumulate_report){0};
     LS_CLEANUP_FREE float *rows =
         calloc((size_t)job->n_sums * LS_TILE_SIDE * LS_TILE_SIDE, sizeof *rows);

@@ -21,9 +21,12 @@ enum ls_err ls_relight_demosaic(const struct ls_field *field, const float *sum,
                                 struct ls_demosaic_region window, struct ls_demosaic_region region,
                                 float *out)
 {
-    struct ls_demosaic_source source = {.data = sum, .stride = window.width, .window = window,
+    struct ls_demosaic_source source = {.data = sum,
+                                        .stride = window.width,
+                                        .window = window,
                                         .image_width = field->width,
-                                        .image_height = field->height, .cfa = field->cfa};
+                                        .image_height = field->height,
+                                        .cfa = field->cfa};
     if (field->n_channels == 1) {
         if (region.x < window.x || region.y < window.y ||
             region.x - window.x + (uint64_t)region.width > window.width ||
@@ -35,8 +38,8 @@ enum ls_err ls_relight_demosaic(const struct ls_field *field, const float *sum,
                    sizeof *out * region.width);
         return LS_OK;
     }
-    struct ls_demosaic_target target = {.plane = {out, out + 1, out + 2}, .pixel_step = 3,
-                                        .row_step = 3 * (size_t)region.width};
+    struct ls_demosaic_target target = {
+        .plane = {out, out + 1, out + 2}, .pixel_step = 3, .row_step = 3 * (size_t)region.width};
     return ls_demosaic(&source, region, LS_DEMOSAIC_GRADIENT, &target);
 }
 
@@ -66,9 +69,8 @@ static void apply_matrix(const double *m, size_t n, float *out)
 }
 
 enum ls_err ls_relight_finish(const struct ls_field *field, struct ls_demosaic_region window,
-                              struct ls_demosaic_region region,
-                              const struct ls_relight_term *terms, size_t n_terms, const double *m,
-                              float *out, struct ls_diag *diag)
+                              struct ls_demosaic_region region, const struct ls_relight_term *terms,
+                              size_t n_terms, const double *m, float *out, struct ls_diag *diag)
 {
     size_t n = (size_t)region.width * region.height;
     LS_CLEANUP_FREE float *rgb = calloc(n * field->n_channels + 1, sizeof *rgb);

@@ -12,7 +12,7 @@ static const double penalty = 1e-12; /* 1 / weight of the equalities, functional
  * differences. */
 struct qp {
     double a[3][N], target[3], b[3]; /* b = target + multipliers x penalty */
-    double h[N][5]; /* H is pentadiagonal: h[i][k] = H(i, i + k - 2) */
+    double h[N][5];                  /* H is pentadiagonal: h[i][k] = H(i, i + k - 2) */
     bool free[N];
     double s[N], lambda[3], y[N]; /* y = H s + A' lambda, lambda = (A s - b) / penalty */
     double matrix[ORDER * ORDER], rhs[ORDER];
@@ -108,8 +108,8 @@ static int solve_free(struct qp *qp)
         qp->rhs[n + c] = qp->b[c];
     }
     /* the rows of the lower triangle are the columns of the upper one */
-    int info = LAPACKE_dsysv(LAPACK_COL_MAJOR, 'U', order, 1, qp->matrix, order, pivots, qp->rhs,
-                             order);
+    int info =
+        LAPACKE_dsysv(LAPACK_COL_MAJOR, 'U', order, 1, qp->matrix, order, pivots, qp->rhs, order);
     memset(qp->s, 0, sizeof qp->s);
     for (int r = 0; r < n; r++)
         qp->s[index[r]] = qp->rhs[r];

@@ -174,13 +174,13 @@ enum ls_err ls_solve_least_squares(const struct ls_system *system, double *x,
 
 /** The set of columns that may be positive, with an orthonormal basis of their span. */
 struct active_set {
-    struct dense *dense; /* columns scaled to norm 1, or zero */
-    double scale[LS_SOLVE_MAX_COLS]; /* of the columns before */
+    struct dense *dense;              /* columns scaled to norm 1, or zero */
+    double scale[LS_SOLVE_MAX_COLS];  /* of the columns before */
     int member[LS_SOLVE_MAX_COLS], n; /* in order of entry */
     bool inside[LS_SOLVE_MAX_COLS], barred[LS_SOLVE_MAX_COLS];
     double x[LS_SOLVE_MAX_COLS], z[LS_SOLVE_MAX_COLS];
     double r[LS_SOLVE_MAX_COLS][LS_SOLVE_MAX_COLS]; /* columns of the triangular factor */
-    double *q, *residual; /* [cols][rows], [rows] */
+    double *q, *residual;                           /* [cols][rows], [rows] */
 };
 
 static double dot(const double *a, const double *b, int n)

@@ -145,8 +145,9 @@ struct columns {
 static enum ls_err read_header(struct csv *csv, struct columns *columns, struct ls_diag *diag)
 {
     if (!next_line(csv))
-        return ls_fail(diag, LS_ERR_INVALID, "spectra: empty text: expected a header line "
-                                             "wavelength_nm,name,...");
+        return ls_fail(diag, LS_ERR_INVALID,
+                       "spectra: empty text: expected a header line "
+                       "wavelength_nm,name,...");
     struct field field = next_field(csv);
     if (field.bytes != 13 || memcmp(field.text, "wavelength_nm", 13) != 0)
         return ls_fail(diag, LS_ERR_INVALID,
@@ -222,8 +223,7 @@ static enum ls_err columns_to_spectra(const struct columns *columns, struct ls_s
         struct ls_named_spectrum *item = &spectra->item[spectra->n];
         struct ls_diag inner = {{0}};
         memcpy(item->name, columns->name[spectra->n], sizeof item->name);
-        enum ls_err err =
-            resample_column(columns, spectra->n, scratch, &item->spectrum, &inner);
+        enum ls_err err = resample_column(columns, spectra->n, scratch, &item->spectrum, &inner);
         if (err)
             return ls_fail(diag, err, "column \"%s\": %.400s", item->name, inner.text);
     }
@@ -264,8 +264,8 @@ enum ls_err ls_spectra_parse_csv(const char *text, size_t bytes, struct ls_spect
     struct ls_spectra *spectra = calloc(1, sizeof *spectra);
     /* a NUL-terminated copy, so that no scan runs past the caller's bytes */
     LS_CLEANUP_FREE char *copy = malloc(bytes + 1);
-    struct csv csv = {.at = copy, .end = copy + bytes,
-                      .c_locale = newlocale(LC_ALL_MASK, "C", (locale_t)0)};
+    struct csv csv = {
+        .at = copy, .end = copy + bytes, .c_locale = newlocale(LC_ALL_MASK, "C", (locale_t)0)};
     struct columns columns = {0};
     enum ls_err err = LS_ERR_NOMEM;
     if (spectra && copy && csv.c_locale) {

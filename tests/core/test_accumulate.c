@@ -21,8 +21,8 @@ struct pictures {
 static uint8_t *guarded(size_t bytes)
 {
     size_t page = (size_t)sysconf(_SC_PAGESIZE), whole = (bytes + page - 1) / page * page;
-    uint8_t *base = mmap(NULL, whole + page, PROT_READ | PROT_WRITE,
-                         MAP_PRIVATE | MAP_ANONYMOUS, -1, 0);
+    uint8_t *base =
+        mmap(NULL, whole + page, PROT_READ | PROT_WRITE, MAP_PRIVATE | MAP_ANONYMOUS, -1, 0);
     g_assert_true(base != MAP_FAILED);
     g_assert_cmpint(mprotect(base + whole, page, PROT_NONE), ==, 0);
     return base + whole - bytes;
@@ -47,9 +47,9 @@ static void pictures_init(struct pictures *p, uint32_t n, uint32_t width, uint32
     uint32_t tx_n = ls_field_tiles_x(&p->field), ty_n = ls_field_tiles_y(&p->field);
     p->picture = g_new0(struct ls_picture, n);
     p->tiles = g_new0(const void **, n);
-    p->value = g_new(float, (size_t)n * width * height);
+    p->value = g_new(float, (size_t)n *width *height);
     for (uint32_t i = 0; i < n; i++) {
-        p->tiles[i] = g_new0(const void *, tx_n * ty_n);
+        p->tiles[i] = g_new0(const void *, tx_n *ty_n);
         p->picture[i].tiles = p->tiles[i];
         for (uint32_t ty = 0; ty < ty_n; ty++)
             for (uint32_t tx = 0; tx < tx_n; tx++) {
@@ -88,7 +88,7 @@ static struct ls_tile_region whole(const struct ls_field *field)
 
 static float *weights(uint32_t n_sums, uint32_t n, GRand *rand)
 {
-    float *w = g_new(float, (size_t)n_sums * n);
+    float *w = g_new(float, (size_t)n_sums *n);
     for (uint32_t k = 0; k < n_sums * n; k++)
         w[k] = k / n % 3 == 0   ? (float)g_rand_double_range(rand, 0, 1)
                : k / n % 3 == 1 ? (k % 2 ? 1e4f : -1e4f)
@@ -110,9 +110,9 @@ static void test_sums_are_within_the_stated_bound(void)
         pictures_init(&p, c[k].n, c[k].width, c[k].height, rand);
         size_t px = (size_t)c[k].width * c[k].height;
         g_autofree float *w = weights(c[k].sums, c[k].n, rand);
-        g_autofree float *sums = g_new(float, c[k].sums * px);
-        struct ls_accumulate_job job = {.pictures = p.picture, .n_pictures = c[k].n,
-                                        .n_sums = c[k].sums, .weights = w};
+        g_autofree float *sums = g_new(float, c[k].sums *px);
+        struct ls_accumulate_job job = {
+            .pictures = p.picture, .n_pictures = c[k].n, .n_sums = c[k].sums, .weights = w};
         struct ls_tile_region all = whole(&p.field);
         struct ls_accumulate_report report;
         g_assert_cmpint(ls_accumulate(&p.field, &job, &all, sums, &report, NULL), ==, LS_OK);
@@ -182,8 +182,8 @@ static void test_any_split_into_regions_gives_the_same_bits(void)
     pictures_init(&p, N, W, H, rand);
     g_autofree float *w = weights(SUMS, N, rand);
     g_autofree float *sums = g_new(float, SUMS *W *H), *part = g_new(float, SUMS * 64 * 64);
-    struct ls_accumulate_job job = {.pictures = p.picture, .n_pictures = N, .n_sums = SUMS,
-                                    .weights = w};
+    struct ls_accumulate_job job = {
+        .pictures = p.picture, .n_pictures = N, .n_sums = SUMS, .weights = w};
     struct ls_tile_region all = whole(&p.field);
     g_assert_cmpint(ls_accumulate(&p.field, &job, &all, sums, NULL, NULL), ==, LS_OK);
     for (uint32_t ty = 0; ty < 3; ty++)
@@ -211,8 +211,8 @@ static void test_a_light_of_no_weight_is_never_read(void)
     void *forbidden = mmap(NULL, 4096, PROT_NONE, MAP_PRIVATE | MAP_ANONYMOUS, -1, 0);
     const void *kept = p.tiles[0][0];
     p.tiles[0][0] = forbidden; /* a read would be the end of this test */
-    struct ls_accumulate_job job = {.pictures = p.picture, .n_pictures = 3, .n_sums = 2,
-                                    .weights = w};
+    struct ls_accumulate_job job = {
+        .pictures = p.picture, .n_pictures = 3, .n_sums = 2, .weights = w};
     struct ls_tile_region all = whole(&p.field);
     struct ls_accumulate_report report;
     g_assert_cmpint(ls_accumulate(&p.field, &job, &all, sums, &report, NULL), ==, LS_OK);
@@ -240,8 +240,8 @@ static void test_what_is_left_out_stays_under_the_requested_error(void)
                 float *most = &tile_max[(y / 64 * 2 + x / 64) * N + i];
                 *most = fmaxf(*most, fabsf(p.value[(i * H + y) * W + x]));
             }
-    struct ls_accumulate_job job = {.pictures = p.picture, .n_pictures = N, .n_sums = SUMS,
-                                    .weights = w, .tile_max = tile_max};
+    struct ls_accumulate_job job = {
+        .pictures = p.picture, .n_pictures = N, .n_sums = SUMS, .weights = w, .tile_max = tile_max};
     struct ls_tile_region all = whole(&p.field);
     struct ls_accumulate_report report;
     g_assert_cmpint(ls_accumulate(&p.field, &job, &all, exact, NULL, NULL), ==, LS_OK);
@@ -264,13 +264,14 @@ static void test_what_is_left_out_stays_under_the_requested_error(void)
 
 static void test_stored_infinities_count_as_nothing_and_are_counted(void)
 {
-    const uint16_t half[2][4] = {{0x7c00, 0xfc00, 0x7e01, 0x3c00}, {0x3c00, 0x3c00, 0x3c00, 0x0001}};
+    const uint16_t half[2][4] = {{0x7c00, 0xfc00, 0x7e01, 0x3c00},
+                                 {0x3c00, 0x3c00, 0x3c00, 0x0001}};
     const void *tiles[2][1] = {{half[0]}, {half[1]}};
     struct ls_picture pictures[2] = {{tiles[0]}, {tiles[1]}};
     struct ls_field field = {.width = 4, .height = 1};
     float w[2] = {2, 1}, sums[4];
-    struct ls_accumulate_job job = {.pictures = pictures, .n_pictures = 2, .n_sums = 1,
-                                    .weights = w};
+    struct ls_accumulate_job job = {
+        .pictures = pictures, .n_pictures = 2, .n_sums = 1, .weights = w};
     struct ls_tile_region all = whole(&field);
     struct ls_accumulate_report report;
     g_assert_cmpint(ls_accumulate(&field, &job, &all, sums, &report, NULL), ==, LS_OK);
@@ -292,8 +293,8 @@ static void test_an_absent_tile_is_black(void)
     struct ls_field field = {.width = 3, .height = 2};
     const float w[1] = {1};
     float sums[6] = {1, 1, 1, 1, 1, 1};
-    struct ls_accumulate_job job = {.pictures = &picture, .n_pictures = 1, .n_sums = 1,
-                                    .weights = w};
+    struct ls_accumulate_job job = {
+        .pictures = &picture, .n_pictures = 1, .n_sums = 1, .weights = w};
     struct ls_tile_region all = whole(&field);
     g_assert_cmpint(ls_accumulate(&field, &job, &all, sums, NULL, NULL), ==, LS_OK);
     for (int j = 0; j < 6; j++)

@@ -71,13 +71,10 @@ static void test_holes_and_single_lights(void)
     g_assert_cmpfloat(omega[0], ==, omega[2]);
     g_assert_cmpfloat_with_epsilon(omega[1], 2 * M_PI, 1e-6);
     one[0][2] = 0;
-    g_assert_cmpint(ls_envlights_omega((const float(*)[3])one, 1, omega, NULL), ==,
-                    LS_ERR_INVALID);
+    g_assert_cmpint(ls_envlights_omega((const float(*)[3])one, 1, omega, NULL), ==, LS_ERR_INVALID);
     one[0][2] = NAN;
-    g_assert_cmpint(ls_envlights_omega((const float(*)[3])one, 1, omega, NULL), ==,
-                    LS_ERR_INVALID);
-    g_assert_cmpint(ls_envlights_omega((const float(*)[3])one, 0, omega, NULL), ==,
-                    LS_ERR_INVALID);
+    g_assert_cmpint(ls_envlights_omega((const float(*)[3])one, 1, omega, NULL), ==, LS_ERR_INVALID);
+    g_assert_cmpint(ls_envlights_omega((const float(*)[3])one, 0, omega, NULL), ==, LS_ERR_INVALID);
 }
 
 static void test_energy_of_any_map_is_kept(void)
@@ -106,8 +103,8 @@ static void test_energy_of_any_map_is_kept(void)
                 }
         ls_rotation_y(g_rand_double_range(rand, -4, 4), rotation);
         struct ls_map map = {.rgb = rgb, .width = width, .height = height};
-        g_assert_cmpint(
-            ls_envlights_map((const float(*)[3])d, n, rotation, &map, w, NULL), ==, LS_OK);
+        g_assert_cmpint(ls_envlights_map((const float(*)[3])d, n, rotation, &map, w, NULL), ==,
+                        LS_OK);
         for (int c = 0; c < 3; c++)
             g_assert_cmpfloat_with_epsilon(total(w + c, n, 3), (double)exact[c],
                                            1e-9 * (double)size);
@@ -177,8 +174,7 @@ static void test_turning_the_map_a_texel_equals_turning_by_its_angle(void)
     /* +y takes +x (u = 3/4) to -z (u = 1/2): columns move to the left */
     for (uint32_t y = 0; y < H; y++)
         for (uint32_t x = 0; x < W; x++)
-            memcpy(turned + 3 * (y * W + (x + W - 7) % W), rgb + 3 * (y * W + x),
-                   3 * sizeof *rgb);
+            memcpy(turned + 3 * (y * W + (x + W - 7) % W), rgb + 3 * (y * W + x), 3 * sizeof *rgb);
     struct ls_map map = {.rgb = rgb, .width = W, .height = H};
     ls_rotation_y(2 * M_PI * 7 / W, rotation);
     g_assert_cmpint(ls_envlights_map((const float(*)[3])d, n, rotation, &map, a, NULL), ==, LS_OK);
@@ -239,8 +235,8 @@ static struct ls_lobes *parse(const char *text, enum ls_err expected, const char
     return lobes;
 }
 
-#define LOBE(direction, sharpness, nm, value)                                                      \
-    "{\"format\":1,\"lobes\":[{\"direction\":" direction ",\"sharpness\":" sharpness               \
+#define LOBE(direction, sharpness, nm, value)                                        \
+    "{\"format\":1,\"lobes\":[{\"direction\":" direction ",\"sharpness\":" sharpness \
     ",\"radiance\":2,\"spectrum\":{\"wavelength_nm\":" nm ",\"value\":" value "}}]}"
 
 static void test_lobes_are_read(void)
@@ -338,8 +334,7 @@ int main(int argc, char **argv)
 {
     g_test_init(&argc, &argv, NULL);
     g_test_add_func("/envlights/cells-partition-the-sphere", test_cells_partition_the_sphere);
-    g_test_add_func("/envlights/a-cell-s-solid-angle-is-right",
-                    test_a_cell_s_solid_angle_is_right);
+    g_test_add_func("/envlights/a-cell-s-solid-angle-is-right", test_a_cell_s_solid_angle_is_right);
     g_test_add_func("/envlights/holes-and-single-lights", test_holes_and_single_lights);
     g_test_add_func("/envlights/energy-of-any-map-is-kept", test_energy_of_any_map_is_kept);
     g_test_add_func("/envlights/a-sun-of-one-texel-keeps-its-energy-and-its-place",

@@ -33,9 +33,9 @@ static void test_a_bright_ratio_is_the_plain_one(void)
 
 static void test_what_was_not_measured_is_neutral(void)
 {
-    static const float bad[][3] = {{1, 0, 1},        {1, -5, 1},       {0, 0, 0},
-                                   {NAN, 1, 0.01f},  {1, NAN, 0.01f},  {INFINITY, 1, 0.01f},
-                                   {1, INFINITY, 1}, {1, 1, NAN},      {1, 1, INFINITY},
+    static const float bad[][3] = {{1, 0, 1},        {1, -5, 1},        {0, 0, 0},
+                                   {NAN, 1, 0.01f},  {1, NAN, 0.01f},   {INFINITY, 1, 0.01f},
+                                   {1, INFINITY, 1}, {1, 1, NAN},       {1, 1, INFINITY},
                                    {1, 1, -1},       {1e38f, 1e-38f, 0}};
     const double neutral[1] = {0.25};
     for (size_t k = 0; k < G_N_ELEMENTS(bad); k++) {
@@ -126,8 +126,7 @@ static void test_a_crop_with_its_border_is_bit_identical(void)
     const int halo = LS_RATIO_HALO_PX;
     for (int y = halo; y < CH - halo; y++)
         g_assert_cmpmem(cr + (y * CW + halo) * 3, (size_t)(CW - 2 * halo) * 3 * sizeof *r,
-                        r + ((Y + y) * W + X + halo) * 3,
-                        (size_t)(CW - 2 * halo) * 3 * sizeof *r);
+                        r + ((Y + y) * W + X + halo) * 3, (size_t)(CW - 2 * halo) * 3 * sizeof *r);
 }
 
 static void test_the_smallest_pictures_work_and_bad_calls_are_refused(void)
@@ -151,8 +150,7 @@ static void test_sigma_is_that_of_a_simulated_sum(void)
     enum { N = 40, TRIALS = 20000 };
     guint32 seed = (guint32)g_test_rand_int();
     g_autoptr(GRand) rand = g_rand_new_with_seed(seed);
-    struct ls_field field = {
-        .noise = {.read_variance = 1e-6, .dark_variance = 1e-7, .shot = 1e-4}};
+    struct ls_field field = {.noise = {.read_variance = 1e-6, .dark_variance = 1e-7, .shot = 1e-4}};
     float row[N], v = 0, sigma;
     double signal = 0.02, sum2 = 0, sum1 = 0;
     g_test_message("seed %u", seed);

@@ -144,16 +144,27 @@ static struct take *take_new(enum ls_cfa cfa, double spread)
         take->factor[s] = 1.2 - 0.05 * s;
     }
     gains(take, spread, rand);
-    g_assert_cmpint(ls_envlights_omega((const float(*)[3])take->direction, take->n, take->omega,
-                                       NULL),
-                    ==, LS_OK);
-    take->field = (struct ls_field){
-        .n_lights = take->n, .n_spectra = SPECTRA, .n_channels = cfa == LS_CFA_NONE ? 1 : 3,
-        .width = W, .height = H, .cfa = cfa, .scale = 0.37, .white = take->white,
-        .sphere = take->sphere, .k = take->k, .g = take->g, .omega_sr = take->omega,
-        .directions = (const float(*)[3])take->direction, .p = take->p, .duty = take->duty,
-        .factor = take->factor,
-        .noise = {.read_variance = 1e-9, .dark_variance = 1e-10, .shot = 1e-7}};
+    g_assert_cmpint(
+        ls_envlights_omega((const float(*)[3])take->direction, take->n, take->omega, NULL), ==,
+        LS_OK);
+    take->field =
+        (struct ls_field){.n_lights = take->n,
+                          .n_spectra = SPECTRA,
+                          .n_channels = cfa == LS_CFA_NONE ? 1 : 3,
+                          .width = W,
+                          .height = H,
+                          .cfa = cfa,
+                          .scale = 0.37,
+                          .white = take->white,
+                          .sphere = take->sphere,
+                          .k = take->k,
+                          .g = take->g,
+                          .omega_sr = take->omega,
+                          .directions = (const float(*)[3])take->direction,
+                          .p = take->p,
+                          .duty = take->duty,
+                          .factor = take->factor,
+                          .noise = {.read_variance = 1e-9, .dark_variance = 1e-10, .shot = 1e-7}};
     photograph(take);
     if (cfa == LS_CFA_NONE) /* the mono channel is the scene's green one */
         for (uint32_t s = 0; s < SPECTRA; s++)
@@ -174,8 +185,8 @@ static const struct ls_tile_region all_tiles = {0, 0, 2, 2};
 static void accumulate(const struct ls_field *field, const struct ls_picture *pictures, uint32_t n,
                        const float *weights, uint32_t n_sums, float *sums)
 {
-    struct ls_accumulate_job job = {.pictures = pictures, .n_pictures = n, .n_sums = n_sums,
-                                    .weights = weights};
+    struct ls_accumulate_job job = {
+        .pictures = pictures, .n_pictures = n, .n_sums = n_sums, .weights = weights};
     g_assert_cmpint(ls_accumulate(field, &job, &all_tiles, sums, NULL, NULL), ==, LS_OK);
 }
 
@@ -202,7 +213,7 @@ static void ratio_of(const struct ls_field *field, uint32_t s, float *ratio)
 /* relit with w[n][SPECTRA], shared weights */
 static void relight(const struct ls_field *field, const double *w, float *out)
 {
-    g_autofree float *rows = g_new(float, SPECTRA *field->n_lights);
+    g_autofree float *rows = g_new(float, SPECTRA * field->n_lights);
     g_autofree float *sums = g_new(float, SPECTRA *W *H);
     g_autofree float *ratio = g_new(float, SPECTRA *W *H * 3);
     struct ls_relight_term terms[SPECTRA];
@@ -210,13 +221,12 @@ static void relight(const struct ls_field *field, const double *w, float *out)
         ls_relight_row(field, w + s, SPECTRA, rows + s * field->n_lights);
         if (s > 0)
             ratio_of(field, s, ratio + s * W * H * 3);
-        terms[s] = (struct ls_relight_term){.sum = sums + s * W * H,
-                                            .ratio = s ? ratio + s * W * H * 3 : NULL,
-                                            .channel = -1};
+        terms[s] = (struct ls_relight_term){
+            .sum = sums + s * W * H, .ratio = s ? ratio + s * W * H * 3 : NULL, .channel = -1};
     }
     accumulate(field, field->white, field->n_lights, rows, SPECTRA, sums);
-    g_assert_cmpint(
-        ls_relight_finish(field, all_px, all_px, terms, SPECTRA, NULL, out, NULL), ==, LS_OK);
+    g_assert_cmpint(ls_relight_finish(field, all_px, all_px, terms, SPECTRA, NULL, out, NULL), ==,
+                    LS_OK);
 }
 
 /* weights of an environment that is not symmetric in any way, another per spectrum */
@@ -229,9 +239,9 @@ static void environment(const struct take *take, gboolean mirrored, double *w)
     struct ls_lobes lobes = {.n = SPECTRA, .item = lobe};
     for (int s = 0; mirrored && s < SPECTRA; s++)
         lobe[s].direction[0] = -lobe[s].direction[0];
-    g_assert_cmpint(ls_envlights_lobes((const float(*)[3])take->direction, take->n, NULL, &lobes, w,
-                                       NULL),
-                    ==, LS_OK);
+    g_assert_cmpint(
+        ls_envlights_lobes((const float(*)[3])take->direction, take->n, NULL, &lobes, w, NULL), ==,
+        LS_OK);
 }
 
 /* relative RMS of a relit picture against the definition, over the middle of each surface where
@@ -246,8 +256,8 @@ static double relit_error(const struct take *take, const double *w, const float 
                 long double sum = 0;
                 for (uint32_t i = 0; i < take->n; i++)
                     for (uint32_t s = 0; s < SPECTRA; s++) {
-                        double r = take->albedo[s][channel] / M_PI *
-                                   take->shade[(i * H + y) * W + x];
+                        double r =
+                            take->albedo[s][channel] / M_PI * take->shade[(i * H + y) * W + x];
                         r *= take->field.n_channels == 3 ? take->p[s * 3 + c] : take->p[s];
                         sum += r * w[i * SPECTRA + s];
                     }
@@ -467,7 +477,7 @@ static void test_the_tristimulus_baseline_tints_a_white_object(void)
 {
     struct take *take = take_new(LS_CFA_RGGB, 0.1);
     g_autofree double *w = g_new(double, take->n * 3);
-    g_autofree float *rows = g_new(float, 3 * take->n), *sums = g_new(float, 3 * W *H);
+    g_autofree float *rows = g_new(float, 3 * take->n), *sums = g_new(float, 3 * W * H);
     g_autofree float *out = g_new(float, W *H * 3);
     const double light[3] = {2, 1, 0.25};
     struct ls_relight_term terms[3];
@@ -483,9 +493,8 @@ static void test_the_tristimulus_baseline_tints_a_white_object(void)
                     LS_OK);
     for (uint32_t c = 0; c < 3; c++)
         /* albedo x light: p divides out; 1 % as for the furnace */
-        g_assert_cmpfloat_with_epsilon((double)out[(30 * W + 30) * 3 + c] /
-                                           (take->albedo[0][c] * light[c]),
-                                       1, 0.01);
+        g_assert_cmpfloat_with_epsilon(
+            (double)out[(30 * W + 30) * 3 + c] / (take->albedo[0][c] * light[c]), 1, 0.01);
     take_free(take);
 }
 

@@ -36,7 +36,10 @@ static void make(struct random_system *r, GRand *rand, int kind)
         if (kind == 6) /* ill scaled */
             row[0] *= 1e-8, row[1] *= 1e8;
     }
-    r->system = (struct ls_system){.rows = rows, .cols = COLS, .a = r->a, .b = r->b,
+    r->system = (struct ls_system){.rows = rows,
+                                   .cols = COLS,
+                                   .a = r->a,
+                                   .b = r->b,
                                    .row_weight = kind % 2 ? r->w : NULL,
                                    .tikhonov = kind == 7 ? 1e-3 : 0};
 }
@@ -254,8 +257,8 @@ static void test_the_stage_s_own_light_is_solved_exactly(void)
         for (size_t s = 0; s < SPECTRA; s++)
             p[r] += l[r * SPECTRA + s] * truth[s];
     }
-    struct ls_lighting lighting = {.n_patches = PATCHES, .n_channels = 3, .n_spectra = SPECTRA,
-                                   .chart = l};
+    struct ls_lighting lighting = {
+        .n_patches = PATCHES, .n_channels = 3, .n_spectra = SPECTRA, .chart = l};
     for (int with_m = 0; with_m < 2; with_m++) {
         struct ls_solution out;
         lighting.m = with_m ? m : NULL;
@@ -293,8 +296,8 @@ static void test_m_is_applied_to_both_sides(void)
             }
         }
     struct ls_system system = {.rows = PATCHES * 3, .cols = SPECTRA, .a = a, .b = b};
-    struct ls_lighting lighting = {.n_patches = PATCHES, .n_channels = 3, .n_spectra = SPECTRA,
-                                   .chart = l, .m = m};
+    struct ls_lighting lighting = {
+        .n_patches = PATCHES, .n_channels = 3, .n_spectra = SPECTRA, .chart = l, .m = m};
     ls_lighting_defaults(&lighting);
     g_assert_cmpint(ls_solve_nnls(&system, expected, NULL, NULL), ==, LS_OK);
     g_assert_cmpint(ls_lighting_solve(&lighting, p, 0, alpha, NULL, NULL), ==, LS_OK);
@@ -317,8 +320,8 @@ static void test_mono_solves_each_output_channel_alone(void)
             for (size_t s = 0; s < SPECTRA; s++)
                 p[3 * k + t] += l[k * SPECTRA + s] * truth[t][s];
         }
-    struct ls_lighting lighting = {.n_patches = PATCHES, .n_channels = 1, .n_spectra = SPECTRA,
-                                   .chart = l};
+    struct ls_lighting lighting = {
+        .n_patches = PATCHES, .n_channels = 1, .n_spectra = SPECTRA, .chart = l};
     ls_lighting_defaults(&lighting);
     g_assert_cmpfloat(lighting.tikhonov, ==, 1e-3);
     g_assert_cmpint(lighting.mode, ==, LS_SOLVE_PER_TARGET);
@@ -345,7 +348,7 @@ static void test_targets_are_light_times_reflectance_times_sensitivity(void)
     reflectance[0] = grey;
     reflectance[1] = red;
     ls_lighting_targets(reflectance, 2, sensitivity, 3, &light, p);
-    g_assert_cmpfloat_with_epsilon(p[1], 1, 1e-12);   /* 0.5 x 2 x 400 / 400 */
+    g_assert_cmpfloat_with_epsilon(p[1], 1, 1e-12);     /* 0.5 x 2 x 400 / 400 */
     g_assert_cmpfloat_with_epsilon(p[3], 2.025, 1e-12); /* 40.5 steps of 5 nm */
     g_assert_cmpfloat(p[5], ==, 0);
 }

@@ -94,10 +94,10 @@ static void test_resampling_interpolates_and_ends_at_zero(void)
     const double nm[] = {400, 402, 411, 500}, value[] = {1, 3, 12, 12};
     struct ls_spectrum s;
     g_assert_cmpint(ls_spectrum_resample(nm, value, 4, &s, NULL), ==, LS_OK);
-    g_assert_cmpfloat(s.v[3], ==, 0);  /* 395 nm */
-    g_assert_cmpfloat(s.v[4], ==, 1);  /* 400 */
+    g_assert_cmpfloat(s.v[3], ==, 0);                 /* 395 nm */
+    g_assert_cmpfloat(s.v[4], ==, 1);                 /* 400 */
     g_assert_cmpfloat_with_epsilon(s.v[5], 6, 1e-12); /* 405: 3 + 3/9 x 9 */
-    g_assert_cmpfloat(s.v[24], ==, 12); /* 500 */
+    g_assert_cmpfloat(s.v[24], ==, 12);               /* 500 */
     g_assert_cmpfloat(s.v[25], ==, 0);
 }
 
@@ -139,9 +139,9 @@ static void test_bad_csv_is_refused_with_the_line(void)
 
 static void test_csv_needs_no_terminator_and_takes_gaps(void)
 {
-    const char text[] = {'w', 'a', 'v', 'e', 'l', 'e', 'n', 'g', 't', 'h', '_', 'n', 'm', ',', 'a',
-                         ',', 'b', '\r', '\n', '4', '0', '0', ',', '1', ',', '\n', '4', '1', '0',
-                         ',', '3', ',', '5'};
+    const char text[] = {'w', 'a', 'v', 'e',  'l', 'e', 'n',  'g',  't', 'h', '_',
+                         'n', 'm', ',', 'a',  ',', 'b', '\r', '\n', '4', '0', '0',
+                         ',', '1', ',', '\n', '4', '1', '0',  ',',  '3', ',', '5'};
     struct ls_spectra *spectra = NULL;
     g_autofree char *exact = g_memdup2(text, sizeof text); /* a sanitizer sees a read past it */
     g_assert_cmpint(ls_spectra_parse_csv(exact, sizeof text, &spectra, NULL), ==, LS_OK);
@@ -174,7 +174,8 @@ static void test_smoothest_reproduces_any_real_colour(void)
         struct ls_spectrum truth = {{0}}, s;
         struct ls_smoothest report;
         /* 400 to 710 nm, as narrow as an LED of 17 nm: the range the header promises */
-        double at = g_rand_double_range(rand, 4, 66), width = exp(g_rand_double_range(rand, 0.7, 4));
+        double at = g_rand_double_range(rand, 4, 66),
+               width = exp(g_rand_double_range(rand, 0.7, 4));
         double want[3];
         for (int i = 0; i < LS_SPECTRUM_N; i++)
             truth.v[i] = exp(-pow((i - at) / width, 2)) * (k % 2 ? 1 : 1e6);
@@ -260,8 +261,8 @@ static void test_equal_energy_gives_a_flat_spectrum(void)
 
 static void test_an_impossible_colour_is_said_to_be_one(void)
 {
-    static const double impossible[][3] = {{-1, 0, 0}, {0.1, 1, -1}, {0, 0, -3}, {1, -1, 1},
-                                           {-1, -1, -1}, {0, -1e-9, 0}};
+    static const double impossible[][3] = {{-1, 0, 0}, {0.1, 1, -1}, {0, 0, -3},
+                                           {1, -1, 1}, {-1, -1, -1}, {0, -1e-9, 0}};
     struct ls_spectrum rgb[3], s;
     struct ls_smoothest report;
     ls_rec709_functionals(rgb);
@@ -314,7 +315,6 @@ int main(int argc, char **argv)
                     test_equal_energy_gives_a_flat_spectrum);
     g_test_add_func("/smoothest/an-impossible-colour-is-said-to-be-one",
                     test_an_impossible_colour_is_said_to_be_one);
-    g_test_add_func("/smoothest/black-bad-and-dependent-input",
-                    test_black_bad_and_dependent_input);
+    g_test_add_func("/smoothest/black-bad-and-dependent-input", test_black_bad_and_dependent_input);
     return g_test_run();
 }
