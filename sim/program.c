@@ -84,10 +84,10 @@ static struct sim_led led_of(struct reader *r, const uint16_t *record, uint32_t 
     }
 }
 
-static int read_leds(struct reader *r, uint32_t i, struct sim_condition *c, float *max_duty,
-                     uint32_t *seen)
+static int read_leds(struct reader *r, uint32_t i, struct sim_program *p, uint32_t *seen)
 {
     const uint16_t *record = r->image + r->at;
+    const struct sim_condition *c = &p->conditions[i];
     uint64_t levels = 0;
     for (uint32_t k = 0; k < c->n_leds; k++) {
         uint16_t level;
@@ -101,7 +101,8 @@ static int read_leds(struct reader *r, uint32_t i, struct sim_condition *c, floa
             return malformed(r);
         *stamp = i + 1;
         levels += level;
-        *max_duty = fmaxf(*max_duty, led.duty);
+        p->max_duty[i] = fmaxf(p->max_duty[i], led.duty);
+        p->levels[i][k] = level;
         c->leds[k] = led;
     }
     if (levels * r->config->led_current_ma > (uint64_t)r->config->max_current_ma * 65535)
@@ -120,7 +121,8 @@ static int read_conditions(struct reader *r, struct sim_program *p)
         calloc((size_t)r->config->n_lights * r->config->n_channels, sizeof *seen);
     p->conditions = calloc(p->n_conditions, sizeof *p->conditions);
     p->max_duty = calloc(p->n_conditions, sizeof *p->max_duty);
-    if (!seen || !p->conditions || !p->max_duty)
+    p->levels = calloc(p->n_conditions, sizeof *p->levels);
+    if (!seen || !p->conditions || !p->max_duty || !p->levels)
         return no_memory(r);
     for (uint32_t i = 0; i < p->n_conditions; i++) {
         struct sim_condition *c = &p->conditions[i];
@@ -129,9 +131,10 @@ static int read_conditions(struct reader *r, struct sim_program *p)
             return -1;
         c->kind = r->image[r->at];
         c->leds = calloc(c->n_leds ? c->n_leds : 1, sizeof *c->leds);
-        if (!c->leds)
+        p->levels[i] = calloc(c->n_leds ? c->n_leds : 1, sizeof *p->levels[i]);
+        if (!c->leds || !p->levels[i])
             return no_memory(r);
-        if (read_leds(r, i, c, &p->max_duty[i], seen))
+        if (read_leds(r, i, p, seen))
             return -1;
         r->at += n_regs;
     }
@@ -188,34 +191,34 @@ static uint64_t *start_times(const struct sim_program *p)
     return start;
 }
 
-/** Heat of every LED in us x duty over the last second; returns the hottest touched. */
-static double heat(const struct reader *r, const struct sim_program *p, uint32_t i, double sign,
-                   double *on)
+/** Add step @i to (or take it from) the us x level of every LED; returns the most touched. */
+static uint64_t heat(const struct reader *r, const struct sim_program *p, uint32_t i, bool add,
+                     uint64_t *on)
 {
-    const struct sim_condition *c = &p->conditions[p->steps[i].condition];
-    double hottest = 0;
+    uint32_t index = p->steps[i].condition;
+    const struct sim_condition *c = &p->conditions[index];
+    uint64_t hottest = 0;
     for (uint32_t k = 0; k < c->n_leds; k++) {
-        double *led = &on[c->leds[k].light * r->config->n_channels + c->leds[k].channel];
-        *led += sign * p->steps[i].pulse_us * c->leds[k].duty;
-        hottest = fmax(hottest, *led);
+        uint64_t *led = &on[c->leds[k].light * r->config->n_channels + c->leds[k].channel];
+        uint64_t amount = (uint64_t)p->steps[i].pulse_us * p->levels[index][k];
+        *led = add ? *led + amount : *led - amount;
+        hottest = *led > hottest ? *led : hottest;
     }
     return hottest;
 }
 
 static int check_duty(struct reader *r, const struct sim_program *p)
 {
-    /* levels are rounded to the hardware's, so a program exactly at the limit may lie half a
-     * level above it: that much is forgiven */
-    double limit = r->config->max_duty_permille * 1e3 + 1e6 * 0.5 / (r->config->pwm_levels - 1);
+    uint64_t limit = r->config->max_duty_permille * 1000ull * 65535;
     LS_CLEANUP_FREE uint64_t *start = start_times(p);
-    LS_CLEANUP_FREE double *on =
+    LS_CLEANUP_FREE uint64_t *on =
         calloc((size_t)r->config->n_lights * r->config->n_channels, sizeof *on);
     if (!start || !on)
         return no_memory(r);
     for (uint32_t i = 0, tail = 0; i < p->n_steps; i++) {
         for (; start[i] - start[tail] >= 1000000; tail++)
-            heat(r, p, tail, -1, on);
-        if (heat(r, p, i, 1, on) > limit)
+            heat(r, p, tail, false, on);
+        if (heat(r, p, i, true, on) > limit)
             return refuse(r, LS_WIRE_REFUSED_DUTY, i, LS_WIRE_FAULT_OVERDUTY);
     }
     return 0;
@@ -239,6 +242,9 @@ void sim_program_finish(struct sim_program *program)
 {
     for (uint32_t i = 0; program->conditions && i < program->n_conditions; i++)
         free(program->conditions[i].leds);
+    for (uint32_t i = 0; program->levels && i < program->n_conditions; i++)
+        free(program->levels[i]);
+    free(program->levels);
     free(program->conditions);
     free(program->max_duty);
     free(program->steps);

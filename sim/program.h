@@ -17,7 +17,8 @@ struct sim_step {
 struct sim_program {
     uint32_t n_conditions, n_steps, period_us, crc;
     struct sim_condition *conditions;
-    float *max_duty; /* [n_conditions]: of the brightest LED */
+    float *max_duty;   /* [n_conditions]: of the brightest LED */
+    uint16_t **levels; /* [n_conditions][n_leds]: as asked, before quantising */
     struct sim_step *steps;
 };
 
