@@ -224,6 +224,28 @@ static void test_packet_loss(void)
     bench_close(b);
 }
 
+static void test_beyond_recovery(void)
+{
+    struct bench *b = bench_new(19);
+    struct ls_camera_stats stats;
+    /* nine of ten packets, resent ones too: with one request per packet, 53 never all arrive */
+    b->sim_config.faults.packet_loss = 0.9;
+    b->sim_config.faults.seed = 2;
+    b->config.frame_retention_us = 50000;
+    bench_power_up(b);
+    bench_start(b, 8);
+    bench_pulse(b, 0, 100);
+    struct ls_camera_frame f = bench_next(b, 2 * SECOND_US);
+    g_assert_cmpint(f.status, ==, LS_FRAME_LOST);
+    g_assert_cmpuint(f.payload_bytes, ==, 0);
+    g_assert_cmpuint(f.frame_id, ==, 0);
+    g_assert_cmpuint(f.camera_ns, ==, 0);
+    ls_camera_release(b->camera, f.slot);
+    bench_stop(b, &stats);
+    g_assert_cmpuint(stats.completed, ==, 0);
+    bench_close(b);
+}
+
 static void test_duplicate_and_late(void)
 {
     struct bench *b = bench_new(9);
@@ -455,6 +477,8 @@ int main(int argc, char **argv)
     g_test_add_func("/camera/a-lost-frame-makes-an-id-gap", test_lost_frame);
     g_test_add_func("/camera/a-trigger-too-early-is-counted-and-makes-no-frame", test_busy_sensor);
     g_test_add_func("/camera/one-percent-packet-loss-costs-no-frame", test_packet_loss);
+    g_test_add_func("/camera/a-frame-beyond-recovery-is-lost-and-says-nothing-else",
+                    test_beyond_recovery);
     g_test_add_func("/camera/duplicate-and-late-frames-change-nothing", test_duplicate_and_late);
     g_test_add_func("/camera/frame-ids-run-on-past-16-bits", test_id_wrap);
     g_test_add_func("/camera/no-free-slot-drops-the-frame-and-nothing-else", test_starved);
