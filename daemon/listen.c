@@ -68,12 +68,14 @@ static enum ls_err bind_and_listen(int fd, const struct sockaddr_un *address, st
     return LS_OK;
 }
 
-/* Two daemons starting at once would both find the socket stale: only one may look at a time. */
-static int lock_path(const char *path)
+/* Two daemons starting at once would both find the socket stale: the folder is the lock. */
+static int lock_folder(const char *path)
 {
-    char lock[sizeof((struct sockaddr_un *)0)->sun_path + 8];
-    snprintf(lock, sizeof lock, "%s.lock", path);
-    int fd = open(lock, O_RDWR | O_CREAT | O_CLOEXEC | O_NOFOLLOW, 0600);
+    char folder[sizeof((struct sockaddr_un *)0)->sun_path + 4];
+    const char *slash = strrchr(path, '/');
+    snprintf(folder, sizeof folder, "%.*s", slash ? (int)(slash - path) + 1 : 1,
+             slash ? path : ".");
+    int fd = open(folder, O_RDONLY | O_DIRECTORY | O_CLOEXEC);
     if (fd >= 0)
         flock(fd, LOCK_EX);
     return fd;
@@ -88,7 +90,7 @@ enum ls_err ls_listen_unix(const char *path, int *out, struct ls_diag *diag)
     int fd = socket(AF_UNIX, SOCK_STREAM | SOCK_CLOEXEC | SOCK_NONBLOCK, 0);
     if (fd < 0)
         return ls_fail(diag, LS_ERR_OS, "socket: %s", strerror(errno));
-    int lock = lock_path(path);
+    int lock = lock_folder(path);
     err = remove_stale(&address, diag);
     if (!err)
         err = bind_and_listen(fd, &address, diag);

@@ -1,0 +1,148 @@
+#include "tests/daemon/fake_engine.h"
+
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+enum { PLANNED = 100 };
+
+struct ls_engine {
+    const struct ls_config *config;
+    ls_take_callback *callback;
+    void *user;
+    struct ls_take_status take;
+    struct fake_engine_state state;
+};
+
+struct fake_engine_state *fake_engine_state(struct ls_engine *engine)
+{
+    return &engine->state;
+}
+
+static bool running(const struct ls_engine *engine)
+{
+    return engine->take.state == LS_TAKE_PREPARING || engine->take.state == LS_TAKE_RUNNING;
+}
+
+void fake_engine_advance(struct ls_engine *engine, uint32_t steps)
+{
+    engine->take.state = LS_TAKE_RUNNING;
+    engine->take.progress.steps_bound = steps;
+    engine->take.progress.frames_per_second = 50;
+    engine->callback(engine->user, &engine->take);
+}
+
+void fake_engine_end(struct ls_engine *engine, enum ls_take_state state)
+{
+    engine->take.state = state;
+    engine->take.report.seconds = 2;
+    snprintf(engine->take.message, sizeof engine->take.message, "ended in state %d", (int)state);
+    engine->callback(engine->user, &engine->take);
+}
+
+enum ls_err ls_engine_create(const struct ls_config *config, ls_take_callback *callback, void *user,
+                             struct ls_engine **out, struct ls_diag *diag)
+{
+    *out = calloc(1, sizeof **out);
+    if (!*out)
+        return LS_ERR_NOMEM;
+    **out = (struct ls_engine){.config = config, .callback = callback, .user = user};
+    return LS_OK;
+}
+
+void ls_engine_destroy(struct ls_engine *engine)
+{
+    free(engine);
+}
+
+void ls_engine_status(struct ls_engine *engine, struct ls_engine_status *out)
+{
+    memset(out, 0, sizeof *out);
+    out->lights_connected = true;
+    snprintf(out->lights_serial, sizeof out->lights_serial, "DOME-1");
+    out->lights.state = LS_LIGHTS_IDLE;
+    out->lights.temperature_c = 31;
+    out->lights.faults = LS_FAULT_INTERLOCK;
+    out->n_cameras = 1;
+    out->cameras[0].connected = true;
+    snprintf(out->cameras[0].model, sizeof out->cameras[0].model, "M");
+    snprintf(out->calibration, sizeof out->calibration, "given");
+    out->disk_free_bytes = 5000000000;
+    out->take = engine->take;
+}
+
+static enum ls_err asked_for(struct ls_engine *engine, struct ls_diag *diag)
+{
+    enum ls_err err = engine->state.answer;
+    engine->state.answer = LS_OK;
+    return err ? ls_fail(diag, err, "the test says %s", ls_err_name(err)) : LS_OK;
+}
+
+enum ls_err ls_engine_preflight(struct ls_engine *engine, const char *plan_text,
+                                struct ls_preflight *out, struct ls_diag *diag)
+{
+    memset(out, 0, sizeof *out);
+    out->shots = (uint32_t)strlen(plan_text);
+    out->seconds = 12.5;
+    return asked_for(engine, diag);
+}
+
+static enum ls_err launch(struct ls_engine *engine, const char *id, const char *token,
+                          struct ls_diag *diag)
+{
+    enum ls_err err = asked_for(engine, diag);
+    if (err)
+        return err;
+    if (running(engine))
+        return ls_fail(diag, LS_ERR_BUSY, "take %s is running", engine->take.id);
+    memset(&engine->take, 0, sizeof engine->take);
+    engine->take.state = LS_TAKE_PREPARING;
+    engine->take.progress.steps_planned = PLANNED;
+    snprintf(engine->take.id, sizeof engine->take.id, "%s", id);
+    snprintf(engine->take.token, sizeof engine->take.token, "%s", token);
+    engine->callback(engine->user, &engine->take);
+    return LS_OK;
+}
+
+enum ls_err ls_engine_start(struct ls_engine *engine, const char *name, const char *plan_text,
+                            const char *token, bool *already, struct ls_diag *diag)
+{
+    *already = strcmp(engine->take.token, token) == 0;
+    if (*already)
+        return LS_OK;
+    enum ls_err err = launch(engine, "20260102T030405Z-vase-0a0b0c", token, diag);
+    engine->state.started += !err;
+    return err;
+}
+
+enum ls_err ls_engine_resume(struct ls_engine *engine, const char *take_id, const char *token,
+                             struct ls_diag *diag)
+{
+    enum ls_err err = launch(engine, take_id, token, diag);
+    engine->state.resumed += !err;
+    return err;
+}
+
+enum ls_err ls_engine_abort(struct ls_engine *engine, struct ls_diag *diag)
+{
+    if (!running(engine))
+        return ls_fail(diag, LS_ERR_STATE, "no take is running");
+    engine->state.aborted++;
+    return LS_OK;
+}
+
+enum ls_err ls_engine_blank(struct ls_engine *engine, struct ls_diag *diag)
+{
+    engine->state.blanked++;
+    return LS_OK;
+}
+
+const struct ls_config *ls_engine_config(const struct ls_engine *engine)
+{
+    return engine->config;
+}
+
+const char *ls_engine_calibration_json(const struct ls_engine *engine)
+{
+    return NULL;
+}
