@@ -1,6 +1,7 @@
 /* lightstage-sim: the simulated rig as a process. */
 #include "sim/config.h"
 #include "sim/rig.h"
+#include "sim/truth.h"
 
 #include <signal.h>
 #include <stdio.h>
@@ -13,8 +14,10 @@ enum { EXIT_USAGE = 2 };
 
 static const char usage_text[] =
     "usage: lightstage-sim run [--config FILE] [--ready-fd N] [--die-with-parent]\n"
+    "       lightstage-sim describe|field|relit|environment|samples|masks [--config FILE] ...\n"
     "\n"
     "run serves a simulated dome (Modbus TCP) and its cameras (GigE Vision) until SIGTERM.\n"
+    "The others ask for the truth of its scene; each prints its own usage.\n"
     "See sim/README.md.\n";
 
 struct options {
@@ -111,9 +114,22 @@ static int run(int argc, char **argv)
     return err || end ? fail(&diag) : EXIT_SUCCESS;
 }
 
+static int ask(int argc, char **argv)
+{
+    struct sim_config config;
+    struct ls_diag diag = {0};
+    const char *path = NULL;
+    for (int i = 1; i + 1 < argc; i++)
+        if (!strcmp(argv[i], "--config"))
+            path = argv[i + 1];
+    if (load(path, &config, &diag))
+        return fail(&diag);
+    return sim_truth_main(&config.scene, argc, argv);
+}
+
 int main(int argc, char **argv)
 {
-    if (argc < 2 || strcmp(argv[1], "run"))
+    if (argc < 2 || argv[1][0] == '-')
         return usage();
-    return run(argc - 1, argv + 1);
+    return strcmp(argv[1], "run") ? ask(argc - 1, argv + 1) : run(argc - 1, argv + 1);
 }
