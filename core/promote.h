@@ -7,7 +7,10 @@
  *     F = picture of the full sphere of spectrum s / nominal duty x droop factor
  *     V = sum_i g(i,s) R(i,p,0,c),  R(i,p,0,c) = k(i,0) E(i,p,c)
  * F shows lights of unequal strength g(i,s), so V weights the white field with the same strengths.
- * Both are in stored units (the scale of the field cancels) and demosaiced before the division.
+ * The paper's own denominator F(0), the photographed white sphere, is had by passing the picture
+ * sphere[0] x ls_promote_sphere_factor(0) as V (its weight row is that one factor): right only
+ * where all spectra share one spread of strengths. Both are in stored units (the scale of the field
+ * cancels) and demosaiced before the division.
  *
  * The stable ratio. Where V >= 10 sigma_V the ratio is F/V exactly. Below, F/V loses its mean
  * (Fieller, Q. J. Pharm. Pharmacol. 17, 1944: the confidence interval of a quotient is bounded
@@ -18,8 +21,9 @@
  * trusts its own quotient by q = smoothstep((V_h/sigma_h - 4) / 6), 0 below 4 sigma, 1 from 10 on:
  *     r_h = q F_h/V_h + (1 - q) r_(h+1)
  * where a quotient that is trusted only in part (q < 1) is limited to +-8 times the larger of
- * |r_(h+1)| and p(s)/p(0). The result is finite for any input: a sample of F or V that is not finite counts as not
- * measured (V = 0). Negative V, negative F are honest noise and need nothing special.
+ * |r_(h+1)| and p(s)/p(0). The result is finite for any input: a sample of F or V that is not
+ * finite counts as not measured (V = 0). Negative V, negative F are honest noise and need nothing
+ * special.
  */
 #ifndef LS_CORE_PROMOTE_H
 #define LS_CORE_PROMOTE_H
@@ -32,11 +36,6 @@
 
 enum { LS_RATIO_HALO_PX = 8 }; /* pixels around a ratio's own that it may depend on */
 
-enum ls_promote_reference {
-    LS_REFERENCE_WEIGHTED, /* V: the white field with the spectrum's strengths */
-    LS_REFERENCE_PAPER,    /* F(0): the photographed white sphere, as the paper has it */
-};
-
 /** Weight row of V for spectrum @s: row[i] = g(i,s) k(i,0). For ls_accumulate. row[n_lights]. */
 void ls_promote_denominator_row(const struct ls_field *field, uint32_t s, float *row);
 
@@ -45,7 +44,7 @@ double ls_promote_sphere_factor(const struct ls_field *field, uint32_t s);
 
 /**
  * Noise of V from the field's model: sigma[j] = sqrt(read sum r^2 + dark (sum r)^2
- * + shot max(r) max(V, 0)), r the weight row (PAPER: one photograph times f = factor/duty, r = f).
+ * + shot max(r) max(V, 0)), r the weight row.
  * Demosaicing changes a sample's noise by a factor below 2 and correlates neighbours; neither is
  * modelled. n values.
  */
