@@ -41,6 +41,25 @@ struct ls_bind {
     uint32_t first, n_frames;
 };
 
+const char *ls_bind_reason_name(enum ls_bind_reason reason)
+{
+    static const char *const names[LS_BIND_REASONS] = {
+        [LS_BIND_FINE] = "fine",
+        [LS_BIND_LOST] = "frame incomplete",
+        [LS_BIND_STALE] = "frame too late or twice",
+        [LS_BIND_NO_PULSE] = "frame without a pulse",
+        [LS_BIND_TWO_PULSES] = "frame near two pulses",
+        [LS_BIND_IDS] = "ids or trigger counter disagree",
+        [LS_BIND_EXPOSURE] = "measured exposure disagrees",
+        [LS_BIND_RESIDUAL] = "time disagrees",
+        [LS_BIND_CLIPPED] = "pulse clipped by the controller",
+        [LS_BIND_SUSPECT] = "follows an unexplained frame",
+        [LS_BIND_NO_FRAME] = "no frame",
+        [LS_BIND_NO_EVENT] = "step event lost",
+    };
+    return (unsigned)reason < LS_BIND_REASONS ? names[reason] : "unknown";
+}
+
 static void settle(struct ls_bind *bind, uint32_t step, enum ls_bind_outcome outcome,
                    enum ls_bind_reason reason)
 {
@@ -299,13 +318,22 @@ static bool is_stale(const struct ls_bind *bind, const struct ls_camera_frame *f
     return bind->anchor.valid && (int64_t)(frame->frame_id - bind->anchor.frame_id) <= 0;
 }
 
+/* Can no event at @us or before still come? */
+static bool events_passed(const struct ls_bind *bind, double us)
+{
+    if (bind->n_seen > 0 && (double)bind->steps[bind->n_seen - 1].event.us > us)
+        return true;
+    return (double)bind->until_us > us + bind->config.event_delay_us;
+}
+
 static bool decide_by_time(struct ls_bind *bind, const struct pending *pending,
                            struct ls_bind_verdict *verdict)
 {
-    if ((double)bind->until_us < pending->mapped_us + bind->config.window_us)
-        return false;
+    double end_us = pending->mapped_us + bind->config.window_us;
     uint32_t step = 0;
     unsigned n = near(bind, pending->mapped_us, &step);
+    if (n > 0 ? (double)bind->until_us < end_us : !events_passed(bind, end_us))
+        return false;
     if (is_stale(bind, &pending->frame)) {
         tell_frame(verdict, &pending->frame, LS_BIND_STALE);
     } else if (n == 0) {

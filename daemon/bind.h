@@ -8,7 +8,8 @@
  * comes out exactly once: bound, missing or ambiguous. Every frame comes out exactly once: with the
  * step it is bound to, or discarded.
  *
- * By time. A frame is decided once all events up to its time plus the window are known. It belongs
+ * By time. A frame is decided once all events up to its time plus the window are known; one near no
+ * step waits for a later event, or `event_delay_us`. It belongs
  * to a step when its time, mapped to the controller's clock, lies within `window_us` (a quarter of
  * the smallest pulse spacing) of exactly one fired step. That is then cross-checked against the
  * last frame with a place (the *anchor*): with ds the step delta, di the frame-id delta and dc the
@@ -41,12 +42,13 @@
 enum { LS_BIND_NO_SLOT = 0xffffffffu, LS_BIND_NO_STEP = 0xffffffffu };
 
 struct ls_bind_config {
-    bool by_time;       /* else by order */
-    bool has_counter;   /* frames carry a trigger counter */
-    bool has_exposure;  /* frames carry their measured exposure */
-    double window_us;   /* by time: a quarter of the smallest pulse spacing */
-    double tight_us;    /* by time: largest residual the clocks explain, <= window_us */
-    double patience_us; /* after a pulse's start, on the controller's clock */
+    bool by_time;          /* else by order */
+    bool has_counter;      /* frames carry a trigger counter */
+    bool has_exposure;     /* frames carry their measured exposure */
+    double window_us;      /* by time: a quarter of the smallest pulse spacing */
+    double tight_us;       /* by time: largest residual the clocks explain, <= window_us */
+    double event_delay_us; /* by time: how late the controller may report a step */
+    double patience_us;    /* after a pulse's start, on the controller's clock */
     double exposure_tolerance_us, exposure_tolerance; /* allowed: sum of absolute and relative */
 };
 
@@ -73,6 +75,9 @@ enum ls_bind_reason {
     LS_BIND_NO_EVENT,   /* step: the controller's event was lost */
     LS_BIND_REASONS
 };
+
+/** "frame incomplete", ...; never NULL. RT-safe. */
+const char *ls_bind_reason_name(enum ls_bind_reason reason);
 
 /** A verdict on a step, on a frame, or on both. */
 struct ls_bind_verdict {

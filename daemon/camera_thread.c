@@ -22,6 +22,7 @@ struct ls_camera_thread {
     _Atomic uint32_t programs, settled, pending, bound, unusable;
     _Atomic int failure;
     struct ls_camera_residuals residuals;
+    struct ls_camera_reasons reasons;
     double *exposures_us; /* per step, as told */
     pthread_t pthread;
     bool running;
@@ -75,10 +76,14 @@ static void obey(struct ls_camera_thread *thread, const struct ls_bind_verdict *
         hand_on(thread, verdict);
         return;
     }
-    if (verdict->step != LS_BIND_NO_STEP)
+    if (verdict->step != LS_BIND_NO_STEP) {
+        thread->reasons.steps[verdict->reason]++;
         atomic_fetch_add(&thread->unusable, 1);
-    if (verdict->slot != LS_BIND_NO_SLOT)
+    }
+    if (verdict->slot != LS_BIND_NO_SLOT) {
+        thread->reasons.frames[verdict->reason]++;
         discard(thread, verdict->slot);
+    }
 }
 
 static void obey_all(struct ls_camera_thread *thread)
@@ -220,6 +225,11 @@ void ls_camera_thread_counts(const struct ls_camera_thread *thread, struct ls_ca
 enum ls_bind_outcome ls_camera_thread_outcome(const struct ls_camera_thread *thread, uint32_t step)
 {
     return ls_bind_outcome(thread->bind, step);
+}
+
+struct ls_camera_reasons ls_camera_thread_reasons(const struct ls_camera_thread *thread)
+{
+    return thread->reasons;
 }
 
 void ls_camera_thread_stop(struct ls_camera_thread *thread)

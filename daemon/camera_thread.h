@@ -72,6 +72,11 @@ struct ls_camera_residuals {
     uint64_t n;
 };
 
+/** Steps that ended unbound and frames that were discarded, by reason, since start. */
+struct ls_camera_reasons {
+    uint32_t steps[LS_BIND_REASONS], frames[LS_BIND_REASONS];
+};
+
 struct ls_camera_thread;
 
 LS_MUST_CHECK enum ls_err ls_camera_thread_create(const struct ls_camera_thread_config *config,
@@ -93,6 +98,9 @@ void ls_camera_thread_counts(const struct ls_camera_thread *thread, struct ls_ca
 
 /** How a step of this program ended. After it settled and before the next LS_CAMERA_ARMED. */
 enum ls_bind_outcome ls_camera_thread_outcome(const struct ls_camera_thread *thread, uint32_t step);
+
+/** When ls_camera_thread_outcome may be asked. */
+struct ls_camera_reasons ls_camera_thread_reasons(const struct ls_camera_thread *thread);
 
 /** Wake the thread, wait for it to end. The camera is still started. Idempotent. */
 void ls_camera_thread_stop(struct ls_camera_thread *thread);

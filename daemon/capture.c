@@ -249,6 +249,7 @@ static struct ls_bind_config bind_config(const struct ls_capture *c, uint32_t i)
                                    .has_exposure = info->has_chunk_exposure,
                                    .window_us = window_us,
                                    .tight_us = fmin(window_us, TIGHT_US),
+                                   .event_delay_us = MARGIN_US / 2.0,
                                    .patience_us = (double)c->patience_us,
                                    .exposure_tolerance_us = 5,
                                    .exposure_tolerance = 0.01};
@@ -342,12 +343,34 @@ static enum ls_err shoot_wanted(struct ls_capture *c, struct ls_diag *diag)
     return err;
 }
 
+static size_t list_reasons(char *text, size_t size, const char *what, const uint32_t *counts)
+{
+    size_t used = 0;
+    for (uint32_t i = 0; i < LS_BIND_REASONS && used < size; i++)
+        if (counts[i]) {
+            int n = snprintf(text + used, size - used, ", %u %s: %s", counts[i], what,
+                             ls_bind_reason_name((enum ls_bind_reason)i));
+            used += n > 0 ? (size_t)n : 0;
+        }
+    return used < size ? used : size;
+}
+
+/* What went wrong so far, for the journal. */
 static enum ls_err note_repair(struct ls_capture *c, uint32_t n, uint32_t pass,
                                struct ls_diag *diag)
 {
-    char text[160];
-    snprintf(text, sizeof text, "repair pass %u of %u: %u steps are shot again", pass,
-             c->setup.config->retries, n);
+    char text[1024];
+    size_t used =
+        (size_t)snprintf(text, sizeof text, "repair pass %u of %u: %u steps are shot again", pass,
+                         c->setup.config->retries, n);
+    for (uint32_t i = 0; i < c->n_cameras; i++) {
+        struct ls_camera_reasons reasons = ls_camera_thread_reasons(c->threads[i]);
+        int name = snprintf(text + used, sizeof text - used, "; camera %.64s so far",
+                            config_of(c, i)->name);
+        used += name > 0 && used + (size_t)name < sizeof text ? (size_t)name : 0;
+        used += list_reasons(text + used, sizeof text - used, "steps", reasons.steps);
+        used += list_reasons(text + used, sizeof text - used, "frames", reasons.frames);
+    }
     return ls_store_alarm(c->setup.store, text, diag);
 }
 
