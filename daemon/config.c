@@ -13,6 +13,9 @@
 enum { POSITIONS_MAX_BYTES = 4 << 20 };
 
 static const char *const channel_kinds[] = { "spectrum", "polariser", NULL };
+/* What a Timed camera starts with; a take writes every step's own. */
+#define TIMED_US 1000.0
+
 static const char *const trigger_words[] = { "line", "software", NULL };
 static const char *const exposure_words[] = { "width", "timed", NULL };
 
@@ -88,6 +91,7 @@ static void read_camera_driver(struct ls_conf *c, struct ls_camera_config *d)
                                d->trigger == LS_TRIGGER_SOFTWARE ? 1 : 0)
                       ? LS_EXPOSURE_TIMED
                       : LS_EXPOSURE_WIDTH;
+    d->exposure_us = TIMED_US;
     d->rt_priority = (int)ls_conf_int(c, "rt_priority", 20, 0, 98);
     if (d->trigger == LS_TRIGGER_SOFTWARE && d->exposure == LS_EXPOSURE_WIDTH)
         ls_conf_error(c, "exposure", "\"width\" needs trigger = \"line\": a software trigger has "
