@@ -249,6 +249,31 @@ static void test_torn_journal(void)
     g_free(root);
 }
 
+/* What a killed writer leaves of conditions that are never shot again goes away as well. */
+static void test_leftovers_are_removed(void)
+{
+    static const char *const left[] = {"cam0/gone.exr.tmp", "take.json.tmp", ".reserve"};
+    char *root = new_root();
+    struct promises *promises = new_promises();
+    g_assert_cmpint(shoot(root, NULL, promises, NULL), ==, LS_OK);
+    for (size_t k = 0; k < G_N_ELEMENTS(left); k++) {
+        char *path = g_build_filename(promises->folder, left[k], NULL);
+        g_assert_true(g_file_set_contents(path, "x", 1, NULL));
+        g_free(path);
+    }
+    struct ls_store *store;
+    g_assert_cmpint(ls_store_reopen(promises->folder, 0, 0, NULL, &store, NULL), ==, LS_OK);
+    g_assert_cmpint(ls_store_close(store, NULL), ==, LS_OK);
+    for (size_t k = 0; k < G_N_ELEMENTS(left); k++) {
+        char *path = g_build_filename(promises->folder, left[k], NULL);
+        g_assert_false(g_file_test(path, G_FILE_TEST_EXISTS));
+        g_free(path);
+    }
+    munmap(promises, sizeof *promises);
+    remove_tree(root);
+    g_free(root);
+}
+
 /* ---- disk full ---- */
 
 static void assert_refused_as_full(const char *root, uint64_t need, uint64_t spare)
@@ -348,6 +373,7 @@ int main(int argc, char **argv)
     g_test_add_func("/store/disk-errors-are-told-never-lost", test_errors_are_told);
     g_test_add_func("/store/short-writes-are-continued", test_short_writes);
     g_test_add_func("/store/torn-journal-is-repaired-at-every-offset", test_torn_journal);
+    g_test_add_func("/store/leftovers-of-a-killed-writer-are-removed", test_leftovers_are_removed);
     g_test_add_func("/store/full-disk-refuses-before-the-first-flash",
                     test_full_before_the_first_flash);
     g_test_add_func("/store/reservation-holds-against-others", test_reservation_holds);
