@@ -149,8 +149,8 @@ uint64_t ls_exr_mosaic_bytes_max(uint32_t width, uint32_t height, enum ls_exr_ty
  * @attrs: filled with the part's attributes of the kinds above; may be NULL; finish it.
  *
  * Refused with a sentence: DWAA and DWAB, deep data, luminance-chroma and other subsampling, an
- * `envmap` that is a cube, an `Orientation` other than 1 (LS_ERR_UNSUPPORTED); anything truncated
- * or inconsistent (LS_ERR_INVALID); too large (LS_ERR_LIMIT); a layer that is not there
+ * `envmap` that is a cube, an `Orientation` or `EXPOSURE` other than 1 (LS_ERR_UNSUPPORTED);
+ * anything truncated or inconsistent (LS_ERR_INVALID); too large (LS_ERR_LIMIT); a layer that is not there
  * (LS_ERR_NOT_FOUND). Infinities and NaN pass through. @image: (transfer full).
  */
 LS_MUST_CHECK enum ls_err ls_exr_read(const void *bytes, size_t n_bytes, const char *layer,

@@ -15,7 +15,8 @@
  * whichever comes first, and one per flush. A file without its record does not exist.
  *
  * Errors of the disk are latched: every later call returns the first one with its sentence, nothing
- * more is written, and the take stays as it was at the last good record.
+ * more is written, and the take stays as it was at the last good record. The process ignores SIGXFSZ,
+ * so that a limit on file sizes is such an error.
  */
 #ifndef LS_DAEMON_STORE_H
 #define LS_DAEMON_STORE_H
@@ -54,7 +55,8 @@ struct ls_store_config {
     const char *const *conditions; /* ids of the planned conditions, published per camera */
     uint32_t n_conditions;
     bool keep_raw;
-    uint64_t need_bytes;  /* everything this take will write; see ls_exr_mosaic_bytes_max */
+    uint64_t need_bytes;  /* pictures (ls_exr_mosaic_bytes_max) and raw frames; the store adds
+                             its journal and take.json */
     uint64_t spare_bytes; /* to be left free on the disk beside that */
     size_t queue_bytes;   /* memory of waiting work, 0 = 256 MiB; one item always fits */
     const struct ls_disk_shim *shim; /* tests; NULL */

@@ -121,7 +121,7 @@ static bool run_crashing(const char *root, unsigned at, struct promises *promise
 
 static void test_crash_at_every_operation(void)
 {
-    unsigned at = 1, step = g_getenv("LS_TEST_FULL") ? 1 : 3;
+    unsigned at = 1, step = g_getenv("LS_TEST_FULL") ? 1 : 6;
     bool crashed = true;
     for (; crashed; at += step) {
         char *root = new_root();
@@ -142,7 +142,7 @@ static void test_kill(void)
 {
     guint32 seed = g_test_rand_int();
     GRand *rand = g_rand_new_with_seed(seed);
-    int rounds = g_getenv("LS_TEST_FULL") ? 300 : 25, partial = 0;
+    int rounds = g_getenv("LS_TEST_FULL") ? 300 : 12, partial = 0;
     g_test_message("seed %u", seed);
     for (int k = 0; k < rounds; k++) {
         char *root = new_root();
@@ -189,7 +189,7 @@ static void fail_at(unsigned at, int error, enum ls_err expected)
 
 static void test_errors_are_told(void)
 {
-    unsigned step = g_getenv("LS_TEST_FULL") ? 1 : 5;
+    unsigned step = g_getenv("LS_TEST_FULL") ? 1 : 11;
     for (unsigned at = 1; at < 80; at += step) {
         fail_at(at, ENOSPC, LS_ERR_FULL);
         fail_at(at, EIO, LS_ERR_OS);
