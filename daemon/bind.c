@@ -14,7 +14,7 @@ struct step {
 
 struct pending {
     struct ls_camera_frame frame;
-    double mapped_us;
+    double mapped_us, slack_us;
 };
 
 struct anchor {
@@ -165,12 +165,12 @@ void ls_bind_expire(struct ls_bind *bind, uint32_t step)
 }
 
 enum ls_err ls_bind_frame(struct ls_bind *bind, const struct ls_camera_frame *frame,
-                          double mapped_us)
+                          double mapped_us, double slack_us)
 {
     if (bind->n_frames == bind->max_frames)
         return LS_ERR_FULL;
     bind->frames[(bind->first + bind->n_frames++) % bind->max_frames] =
-        (struct pending){.frame = *frame, .mapped_us = mapped_us};
+        (struct pending){.frame = *frame, .mapped_us = mapped_us, .slack_us = slack_us};
     return LS_OK;
 }
 
@@ -248,7 +248,7 @@ static enum ls_bind_reason cross_check(const struct ls_bind *bind, uint32_t step
         return LS_BIND_SUSPECT;
     if (!deltas_agree(bind, step, &pending->frame))
         return LS_BIND_IDS;
-    if (fabs(pending->mapped_us - (double)s->event.us) > bind->config.tight_us)
+    if (fabs(pending->mapped_us - (double)s->event.us) > bind->config.tight_us + pending->slack_us)
         return LS_BIND_RESIDUAL;
     return check_exposure(bind, s, &pending->frame);
 }

@@ -124,9 +124,10 @@ void ls_bind_open(struct ls_bind *bind, uint32_t step);
 void ls_bind_expire(struct ls_bind *bind, uint32_t step);
 
 /** A frame from the driver; @mapped_us: its timestamp on the controller's clock (by time only).
- * LS_ERR_FULL: more than max_frames undecided. RT-safe. */
+ * @slack_us: how far the clocks may have parted since they were last compared, added to
+ * config.tight_us. LS_ERR_FULL: more than max_frames undecided. RT-safe. */
 LS_MUST_CHECK enum ls_err ls_bind_frame(struct ls_bind *bind, const struct ls_camera_frame *frame,
-                                        double mapped_us);
+                                        double mapped_us, double slack_us);
 
 /** The next verdict; false when nothing can be said yet. RT-safe. */
 bool ls_bind_next(struct ls_bind *bind, struct ls_bind_verdict *verdict);

@@ -10,8 +10,11 @@
 
 enum {
     MESSAGES = 4096,
-    WAIT_US = 2000, /* how late a step event may be noticed while no frame comes */
+    WAIT_US = 2000,         /* how late a step event may be noticed while no frame comes */
+    PAIR_GAP_NS = 50000000, /* LS_CLOCK_PAIRS of these: the baseline of the clock's drift */
 };
+
+#define PARTING 20e-6 /* drift left over by the fit: clocks not compared part by this share */
 
 struct ls_camera_thread {
     struct ls_camera_thread_config config;
@@ -22,6 +25,7 @@ struct ls_camera_thread {
     _Atomic uint32_t programs, settled, pending, bound, unusable;
     _Atomic int failure;
     struct ls_camera_residuals residuals;
+    uint64_t compared_ns; /* controller time of the clock's newest pair */
     struct ls_camera_reasons reasons;
     double *exposures_us; /* per step, as told */
     pthread_t pthread;
@@ -46,7 +50,10 @@ static void learn(struct ls_camera_thread *thread, const struct ls_bind_verdict 
 {
     struct ls_camera_residuals *r = &thread->residuals;
     uint64_t ns = verdict->event.us * 1000;
-    (void)ls_clock_add(&thread->config.clock, verdict->frame.camera_ns, ns, ns);
+    if (ns > thread->compared_ns + PAIR_GAP_NS) {
+        (void)ls_clock_add(&thread->config.clock, verdict->frame.camera_ns, ns, ns);
+        thread->compared_ns = ns;
+    }
     r->max_us = fmax(r->max_us, fabs(verdict->residual_us));
     r->sum_squares_us2 += verdict->residual_us * verdict->residual_us;
     r->n++;
@@ -145,11 +152,13 @@ static void hear_all(struct ls_camera_thread *thread)
 
 static void accept_frame(struct ls_camera_thread *thread, const struct ls_camera_frame *frame)
 {
-    double mapped_us = 0;
+    double mapped_us = 0, slack_us = 0;
     if (thread->config.bind.by_time && frame->status == LS_FRAME_OK)
         mapped_us = ls_clock_map(&thread->config.clock, frame->camera_ns) / 1e3;
+    if (mapped_us > (double)thread->compared_ns / 1e3)
+        slack_us = (mapped_us - (double)thread->compared_ns / 1e3) * PARTING;
     if (ls_ring_take(thread->config.ring, frame->slot) ||
-        ls_bind_frame(thread->bind, frame, mapped_us))
+        ls_bind_frame(thread->bind, frame, mapped_us, slack_us))
         fail(thread, LS_ERR_BUG);
 }
 
@@ -187,6 +196,7 @@ enum ls_err ls_camera_thread_create(const struct ls_camera_thread_config *config
         return ls_fail(diag, LS_ERR_NOMEM, "out of memory");
     }
     ls_bind_anchor(thread->bind, &config->anchor);
+    thread->compared_ns = config->clock.ref0;
     *out = thread;
     return LS_OK;
 }

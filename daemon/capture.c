@@ -86,6 +86,17 @@ static uint32_t slots_of(const struct ls_capture *c, uint32_t camera)
     return (uint32_t)(n > MAX_SLOTS ? MAX_SLOTS : n);
 }
 
+static uint64_t min_interval_us(const struct ls_config_camera *config)
+{
+    return config->max_fps > 0 ? (uint64_t)(1e6 / config->max_fps) + 1 : 0;
+}
+
+/* The driver's receive thread runs above ls-cam. */
+static int camera_priority(const struct ls_config_camera *config)
+{
+    return config->driver.rt_priority > 0 ? config->driver.rt_priority - 1 : 0;
+}
+
 static void describe_camera(struct ls_capture *c, uint32_t i)
 {
     const struct ls_config_camera *config = config_of(c, i);
@@ -93,12 +104,14 @@ static void describe_camera(struct ls_capture *c, uint32_t i)
     bool software = config->driver.trigger == LS_TRIGGER_SOFTWARE;
     bool timed = config->driver.exposure == LS_EXPOSURE_TIMED;
     bool by_time = info->tick_hz > 0 && !software;
-    c->sequencer.cameras[i] = (struct ls_sequencer_camera){.name = config->name,
-                                                           .camera = c->setup.cameras[i],
-                                                           .by_time = by_time,
-                                                           .software = software,
-                                                           .timed = timed,
-                                                           .offset_us = config->exposure_offset_us};
+    c->sequencer.cameras[i] =
+        (struct ls_sequencer_camera){.name = config->name,
+                                     .camera = c->setup.cameras[i],
+                                     .by_time = by_time,
+                                     .software = software,
+                                     .timed = timed,
+                                     .min_interval_us = min_interval_us(config),
+                                     .offset_us = config->exposure_offset_us};
     c->warm_up.cameras[i] = (struct ls_warm_up_camera){.name = config->name,
                                                        .camera = c->setup.cameras[i],
                                                        .by_time = by_time,
@@ -269,7 +282,7 @@ static enum ls_err start_threads(struct ls_capture *c, struct ls_diag *diag)
             .anchor = c->warm_up.cameras[i].anchor,
             .inlet = ls_merge_stage_inlet(c->merge, i),
             .work = ls_merge_stage_work(c->merge),
-            .rt_priority = LS_PRIORITY_CAM,
+            .rt_priority = camera_priority(config_of(c, i)),
         };
         err = ls_camera_thread_create(&config, &c->threads[i], diag);
         c->sequencer.cameras[i].thread = c->threads[i];

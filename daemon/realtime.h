@@ -9,8 +9,8 @@
 #include <stdint.h>
 
 enum {
-    LS_PRIORITY_SEQ = 20, /* the driver's receive threads run above both */
-    LS_PRIORITY_CAM = 21,
+    LS_PRIORITY_SEQ = 10, /* below the cameras' threads: a frame not taken may be lost, a grant
+                             that waits is only late */
 };
 
 /** Make the calling thread SCHED_FIFO at @priority; 0 leaves it. False: not permitted, the thread

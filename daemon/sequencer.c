@@ -231,11 +231,17 @@ static bool is_lit(const struct run *run, uint32_t step)
 static enum ls_err trigger(struct run *run)
 {
     for (uint32_t i = 0; i < run->seq->n_cameras; i++) {
-        if (!run->seq->cameras[i].software)
+        struct ls_sequencer_camera *camera = &run->seq->cameras[i];
+        enum ls_err err = LS_OK;
+        if (!camera->software)
             continue;
-        enum ls_err err = ls_camera_trigger(run->seq->cameras[i].camera, run->diag);
+        while (!err && ls_host_ns() - camera->triggered_ns < camera->min_interval_us * 1000)
+            err = turn(run);
+        if (!err)
+            err = ls_camera_trigger(camera->camera, run->diag);
         if (err)
             return err;
+        camera->triggered_ns = ls_host_ns();
     }
     return LS_OK;
 }

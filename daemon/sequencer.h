@@ -34,6 +34,8 @@ struct ls_sequencer_camera {
     bool software;                /* triggered by us once a step is lit */
     bool timed;                   /* exposure is a register, else the pulse's width */
     double asked_us, exposure_us; /* timed: written to the register, and what it holds */
+    uint64_t min_interval_us;     /* software: triggers closer than this are missed */
+    uint64_t triggered_ns;        /* software: host time of the last one */
     double offset_us;             /* not timed: added by the sensor to the pulse */
 };
 

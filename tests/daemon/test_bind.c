@@ -270,7 +270,7 @@ static void play(struct world *world, int *slot_of_step)
         while (frame < world->n_frames && world->frames[frame].arrives_us <= us) {
             const struct ls_camera_frame *f = &world->frames[frame++].frame;
             double mapped = ls_clock_map(&world->clock, f->camera_ns) / 1e3;
-            g_assert_cmpint(ls_bind_frame(bind, f, mapped), ==, LS_OK);
+            g_assert_cmpint(ls_bind_frame(bind, f, mapped, 0), ==, LS_OK);
             if (g_rand_boolean(world->rand))
                 take_verdicts(world, bind, slot_of_step);
         }
@@ -435,11 +435,11 @@ static enum ls_bind_reason verdict_of(struct ls_camera_frame frame, double mappe
     struct ls_camera_frame between = {.frame_id = 11, .trigger_counter = 101, .slot = 1};
     struct ls_bind_verdict verdict;
     if (extra_before) {
-        g_assert_cmpint(ls_bind_frame(bind, &between, 1000000 + PERIOD_US / 2), ==, LS_OK);
+        g_assert_cmpint(ls_bind_frame(bind, &between, 1000000 + PERIOD_US / 2, 0), ==, LS_OK);
         g_assert_true(ls_bind_next(bind, &verdict));
         g_assert_cmpint(verdict.reason, ==, LS_BIND_NO_PULSE);
     }
-    g_assert_cmpint(ls_bind_frame(bind, &frame, mapped_us), ==, LS_OK);
+    g_assert_cmpint(ls_bind_frame(bind, &frame, mapped_us, 0), ==, LS_OK);
     g_assert_true(ls_bind_next(bind, &verdict));
     g_assert_true((verdict.outcome == LS_BIND_BOUND) == (verdict.reason == LS_BIND_FINE));
     ls_bind_destroy(bind);
@@ -524,7 +524,7 @@ static void test_rearm(void)
         ls_bind_until(bind, us + 500000);
         frame.frame_id++; /* the second frame of every pass is lost */
         frame.trigger_counter++;
-        g_assert_cmpint(ls_bind_frame(bind, &frame, (double)us), ==, LS_OK);
+        g_assert_cmpint(ls_bind_frame(bind, &frame, (double)us, 0), ==, LS_OK);
         g_assert_true(ls_bind_next(bind, &verdict));
         g_assert_cmpuint(verdict.step, ==, 0);
         g_assert_cmpint(verdict.outcome, ==, LS_BIND_BOUND);
@@ -556,7 +556,7 @@ static void take_turns(const struct turn *turns, uint32_t n)
         ls_bind_open(bind, i);
         for (int k = 0; k < turns[i].frames; k++) {
             frame.frame_id++;
-            g_assert_cmpint(ls_bind_frame(bind, &frame, 0), ==, LS_OK);
+            g_assert_cmpint(ls_bind_frame(bind, &frame, 0, 0), ==, LS_OK);
         }
         ls_bind_next(bind, &verdict);
         g_assert_cmpint(ls_bind_outcome(bind, i), !=, LS_BIND_BOUND); /* not before its event */
