@@ -146,6 +146,7 @@ int main(int argc, char **argv)
     struct daemon d = { 0 };
     struct ls_diag diag = { 0 };
     signal(SIGPIPE, SIG_IGN);
+    signal(SIGXFSZ, SIG_IGN); /* a write beyond a file size limit is an error of the store */
     enum ls_err err = prepare(&d, &o, &diag);
     if (!err && !o.check)
         err = listen_for_clients(&d, &diag);
