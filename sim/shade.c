@@ -60,6 +60,7 @@ static void prepare_pixel(const struct sim_subject *subject, const struct sim_vi
                           const struct sim_pixel *pixel, struct sim_tile *tile, uint32_t k)
 {
     tile->surface[k] = pixel->surface;
+    tile->weave[k] = 0;
     memset(tile->node[k], 0, sizeof tile->node[k]);
     memset(tile->share[k], 0, sizeof tile->share[k]);
     if (pixel->surface == SIM_NO_SURFACE)
