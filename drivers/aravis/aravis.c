@@ -24,7 +24,7 @@ enum {
     DEFAULT_RETENTION_US = 200000,
     BLOCK_IDS = 65535, /* 16-bit ids run 1..65535 */
     SETTLE_MS = 20,    /* longer than the packet ring holds a packet back */
-    MAX_ATTEMPTS = 8,
+    MAX_ATTEMPTS = 4,
 };
 
 struct aravis {
@@ -300,11 +300,12 @@ static enum ls_err wait_for_thread(struct aravis *a, struct ls_diag *diag)
     return LS_OK;
 }
 
-static enum ls_err create_stream(struct aravis *a, struct ls_camera_info *info,
-                                 struct ls_diag *diag)
+static enum ls_err create_stream(struct aravis *a, ArvGvStreamOption options,
+                                 struct ls_camera_info *info, struct ls_diag *diag)
 {
     GError *error = NULL;
     g_clear_object(&a->stream);
+    arv_camera_gv_set_stream_options(a->camera, options);
     a->stream = arv_camera_create_stream(a->camera, on_stream, a, &error);
     if (!a->stream)
         return ls_aravis_fail(diag, a->address, "stream", error);
@@ -317,8 +318,11 @@ static enum ls_err create_stream(struct aravis *a, struct ls_camera_info *info,
     if (err)
         return err;
     info->realtime = atomic_load(&a->realtime);
-    return ls_aravis_receive_path(a->address, arv_gv_stream_get_port(ARV_GV_STREAM(a->stream)),
-                                  info, diag);
+    ls_aravis_describe_receive_path(options, info);
+    if (!info->packet_socket)
+        return LS_OK;
+    return ls_aravis_wait_receive_path(
+        a->address, arv_gv_stream_get_port(ARV_GV_STREAM(a->stream)), diag);
 }
 
 /** Aravis binds its packet socket before it filters it: what else passes the interface in between
@@ -331,18 +335,16 @@ static bool heard_strays(struct aravis *a)
     return arv_stream_get_info_uint64_by_name(a->stream, "n_received_packets") > 0;
 }
 
-/** On an interface that is never quiet the last attempt stands: what may be lost then are the first
- * frames, which come back as a gap in ids. */
+/** On an interface that is never quiet UDP does it: its sockets hear nothing but their port. */
 static enum ls_err create_clean_stream(struct aravis *a, struct ls_camera_info *info,
                                        struct ls_diag *diag)
 {
-    enum ls_err err = LS_OK;
-    bool strays = true;
-    for (int attempt = 0; !err && strays && attempt < MAX_ATTEMPTS; attempt++) {
-        err = create_stream(a, info, diag);
-        strays = !err && info->packet_socket && heard_strays(a);
+    for (int attempt = 0; attempt < MAX_ATTEMPTS; attempt++) {
+        enum ls_err err = create_stream(a, ARV_GV_STREAM_OPTION_NONE, info, diag);
+        if (err || !info->packet_socket || !heard_strays(a))
+            return err;
     }
-    return err;
+    return create_stream(a, ARV_GV_STREAM_OPTION_PACKET_SOCKET_DISABLED, info, diag);
 }
 
 static enum ls_err push_slots(struct aravis *a, const struct ls_camera_slots *slots,

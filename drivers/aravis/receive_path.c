@@ -75,15 +75,17 @@ static bool receives(uint16_t port)
     return found;
 }
 
-enum ls_err ls_aravis_receive_path(const char *address, uint16_t port, struct ls_camera_info *info,
-                                   struct ls_diag *diag)
+void ls_aravis_describe_receive_path(ArvGvStreamOption options, struct ls_camera_info *info)
 {
     uint32_t max = sysctl_bytes("/proc/sys/net/core/rmem_max");
     uint32_t initial = sysctl_bytes("/proc/sys/net/core/rmem_default");
-    info->packet_socket = packet_sockets_allowed();
+    info->packet_socket =
+        !(options & ARV_GV_STREAM_OPTION_PACKET_SOCKET_DISABLED) && packet_sockets_allowed();
     info->receive_buffer_bytes = info->packet_socket ? 0 : initial < max ? initial : max;
-    if (!info->packet_socket)
-        return LS_OK;
+}
+
+enum ls_err ls_aravis_wait_receive_path(const char *address, uint16_t port, struct ls_diag *diag)
+{
     for (int ms = 0; ms < WAIT_MS; ms++) {
         struct timespec rest = {0, 1000000};
         if (receives(port))

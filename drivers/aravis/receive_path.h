@@ -12,10 +12,14 @@
 
 #include "drivers/camera.h"
 
-/** Wait until packets to UDP port @port are received, at most 2 s, and say by which path in
- * @info. LS_ERR_OS: a packet socket is allowed, yet none appeared. */
-LS_MUST_CHECK enum ls_err ls_aravis_receive_path(const char *address, uint16_t port,
-                                                 struct ls_camera_info *info,
-                                                 struct ls_diag *diag);
+#include <arv.h>
+
+/** Say in @info which path a stream with these options takes: the same decision as Aravis'. */
+void ls_aravis_describe_receive_path(ArvGvStreamOption options, struct ls_camera_info *info);
+
+/** Wait for the packet socket that receives UDP port @port, at most 2 s. LS_ERR_OS: a packet
+ * socket is allowed, yet none appeared. */
+LS_MUST_CHECK enum ls_err ls_aravis_wait_receive_path(const char *address, uint16_t port,
+                                                      struct ls_diag *diag);
 
 #endif
