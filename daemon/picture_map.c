@@ -48,13 +48,17 @@ enum ls_err ls_picture_map_open(struct ls_picture_map *map, const char *folder, 
                                 uint32_t width, uint32_t height, struct ls_diag *diag)
 {
     char path[4096];
+    struct ls_diag inner = {0};
     memset(map, 0, sizeof *map);
     if (snprintf(path, sizeof path, "%s/%s", folder, file) >= (int)sizeof path)
         return ls_fail(diag, LS_ERR_INVALID, "%s: the path is too long", folder);
     enum ls_err err = map_file(map, path, diag);
-    if (!err)
-        err = ls_exr_map_tiles(map->base, map->bytes, NULL, &map->tiles, diag);
-    if (!err)
+    if (err)
+        return err;
+    err = ls_exr_map_tiles(map->base, map->bytes, NULL, &map->tiles, &inner);
+    if (err)
+        ls_fail(diag, err, "%.300s: %.200s", path, inner.text);
+    else
         err = check(map, path, width, height, diag);
     if (err)
         ls_picture_map_finish(map);

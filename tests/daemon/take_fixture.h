@@ -1,0 +1,43 @@
+/*
+ * take_fixture: a small take on disk, made through the store, whose every number the test knows.
+ * Layer: tests. Threads: one. Ownership: the fixture's; see free.
+ *
+ * Seven lights, channels W, R and the polarised V, a Bayer camera of 150 x 140 pixels (three tiles
+ * across and down, the last ones narrow). W is photographed light by light; W and R as full
+ * spheres. What R's sphere shows is the white field under R's strengths times a smooth ratio.
+ */
+#ifndef LS_TESTS_DAEMON_TAKE_FIXTURE_H
+#define LS_TESTS_DAEMON_TAKE_FIXTURE_H
+
+#include "core/calibration.h"
+
+#include <glib.h>
+#include <stdint.h>
+
+enum { TAKE_W = 150, TAKE_H = 140, TAKE_LIGHTS = 7, TAKE_PIXELS = TAKE_W * TAKE_H };
+enum { TAKE_LEVEL = 728, TAKE_PATCHES = 6 };
+
+struct made_take {
+    char *id;
+    struct ls_calibration *calibration; /* as in its take.json; NULL = made without */
+    double scale;                       /* R = scale k stored */
+    float light[TAKE_LIGHTS][TAKE_PIXELS]; /* stored values of W, exact halves */
+    float sphere_r[TAKE_PIXELS];           /* stored, exact halves */
+    double k[2][TAKE_LIGHTS];              /* of W and R, as read back from JSON */
+};
+
+/** Make it under @storage. @missing: a light that is not published, or -1. */
+struct made_take *make_take(const char *storage, bool calibrated, int missing);
+
+void made_take_free(struct made_take *take);
+
+/** take.json of such a take. g_free. */
+char *take_json_text(const struct ls_calibration *calibration);
+
+/** Gaussian spectra, a chart, L consistent with them. (transfer full). */
+struct ls_calibration *made_calibration(void);
+
+/** The calibration's LED spectrum of channel @c at @nm. */
+double made_spectrum(int c, double nm);
+
+#endif
