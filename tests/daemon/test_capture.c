@@ -40,7 +40,7 @@ struct stage {
     struct ls_capture_report report;
     struct ls_diag diag;
     uint8_t done[N_ALL];
-    bool resuming;
+    float *darks[N_EXPOSURES];
 };
 
 static void make_config(struct stage *s)
@@ -450,6 +450,77 @@ static void test_abort(void)
     clear(s);
 }
 
+/* What an earlier run left, as the engine reads it from the take's folder. */
+static uint32_t read_done(struct stage *s)
+{
+    struct ls_takedir *take;
+    uint32_t steps = 0;
+    g_assert_cmpint(ls_takedir_open(s->folder, &take, NULL), ==, LS_OK);
+    for (uint32_t i = 0; i < N_ALL; i++) {
+        const struct ls_published *p = ls_takedir_find(take, s->ids[i], 0);
+        uint8_t *bytes;
+        size_t n;
+        struct ls_image image = {0};
+        s->done[i] = p != NULL;
+        steps += p ? s->conditions[i].n_steps : 0;
+        if (!p || !s->conditions[i].dark)
+            continue;
+        g_assert_cmpint(ls_takedir_read(take, p, &bytes, &n, NULL), ==, LS_OK);
+        g_assert_cmpint(ls_exr_read(bytes, n, NULL, 1 << 24, &image, NULL, NULL), ==, LS_OK);
+        s->darks[s->conditions[i].exposure] = image.pixels;
+        free(bytes);
+    }
+    ls_takedir_close(take);
+    return steps;
+}
+
+static void resume(struct stage *s)
+{
+    ls_capture_destroy(s->capture);
+    g_assert_cmpint(ls_store_close(s->store, NULL), ==, LS_OK);
+    fake_rig_free(s->rig);
+    uint32_t done = read_done(s);
+    s->rig = fake_rig_new(&s->options);
+    g_assert_cmpint(ls_store_reopen(s->folder, 1 << 20, 0, NULL, &s->store, &s->diag), ==, LS_OK);
+    const struct ls_capture_setup setup = {.config = &s->config,
+                                           .plan = &s->plan,
+                                           .lights = fake_rig_lights(s->rig),
+                                           .cameras = fake_rig_cameras(s->rig),
+                                           .store = s->store,
+                                           .reference_exposure_s = REFERENCE_S,
+                                           .condition_done = s->done,
+                                           .darks = (const float *const *)s->darks};
+    g_assert_cmpint(ls_capture_create(&setup, &s->capture, &s->diag), ==, LS_OK);
+    g_assert_cmpint(ls_capture_run(s->capture, &s->report, &s->diag), ==, LS_OK);
+    g_assert_cmpuint(fake_rig_pulses(s->rig), ==, N_STEPS - done);
+    g_assert_cmpuint(s->report.final.steps_planned, ==, N_STEPS - done);
+    g_assert_cmpuint(s->report.final.steps_bound, ==, N_STEPS - done);
+}
+
+static void test_resume(void)
+{
+    struct stage *s = new_stage();
+    struct ls_takedir *take;
+    struct ls_take_report report;
+    s->options.interlock_at = FIRST_LIGHT + 20;
+    g_assert_cmpint(shoot(s), ==, LS_ERR_REFUSED);
+    s->options.interlock_at = 0;
+    resume(s);
+    g_assert_cmpuint(s->report.missing_conditions, ==, 0);
+    g_assert_cmpint(ls_takedir_open(s->folder, &take, NULL), ==, LS_OK);
+    g_assert_cmpint(ls_takedir_verify(take, &report, NULL), ==, LS_OK);
+    g_assert_cmpstr(report.text, ==, "");
+    g_assert_cmpuint(report.pictures_good, ==, N_ALL);
+    g_assert_cmpuint(count_mislabeled(s, take), ==, 0);
+    for (uint32_t i = 0; i < N_ALL; i++)
+        check_picture(s, take, i, 0);
+    ls_take_report_finish(&report);
+    ls_takedir_close(take);
+    for (int i = 0; i < N_EXPOSURES; i++)
+        free(s->darks[i]);
+    clear(s);
+}
+
 static void test_software(void)
 {
     struct stage *s = new_stage();
@@ -509,6 +580,7 @@ int main(int argc, char **argv)
     g_test_add_func("/capture/a-store-error-stops-the-take-dark", test_store_error);
     g_test_add_func("/capture/a-slow-disk-slows-the-take-and-loses-nothing", test_slow_disk);
     g_test_add_func("/capture/an-abort-is-dark-at-once", test_abort);
+    g_test_add_func("/capture/a-resumed-take-shoots-only-what-is-missing", test_resume);
     g_test_add_func("/capture/software-triggered-cameras-hold-the-light", test_software);
     g_test_add_func("/capture/a-software-triggered-camera-that-misses-is-repaired",
                     test_software_lost);
