@@ -254,8 +254,27 @@ static void publish(struct ls_store *store, const char *id, const float *pixels)
     g_free(half);
 }
 
+static void publish_dark(struct ls_store *store)
+{
+    float *dn = g_new0(float, TAKE_PIXELS);
+    struct ls_store_picture picture = {.condition = "dark-0",
+                                       .mosaic = {.width = TAKE_W, .height = TAKE_H, .floats = dn}};
+    g_assert_cmpint(ls_store_publish(store, &picture, NULL), ==, LS_OK);
+    g_free(dn);
+}
+
+static void ticket_all(struct ls_store *store, uint32_t n)
+{
+    for (uint32_t i = 0; i < n; i++) {
+        const struct ls_ticket ticket = {.shot = i, .step = i, .condition = i};
+        g_assert_cmpint(ls_store_ticket(store, &ticket, NULL), ==, LS_OK);
+    }
+}
+
 static void publish_all(struct made_take *take, struct ls_store *store, int missing)
 {
+    ticket_all(store, TAKE_LIGHTS + 3);
+    publish_dark(store);
     for (int i = 0; i < TAKE_LIGHTS; i++) {
         char id[16];
         snprintf(id, sizeof id, "W-%04d", i);
