@@ -191,23 +191,23 @@ static enum ls_err fill_camera(const struct sim_scene *scene, uint32_t camera,
 static enum ls_err fill_matrix(const struct sim_scene *scene, uint32_t camera,
                                struct ls_calibration *c, struct ls_diag *diag)
 {
-    struct ls_spectrum daylight, rec709[3];
+    struct ls_spectrum d65, rec709[3];
     double raw[SIM_CHART_PATCHES][3], wanted[SIM_CHART_PATCHES];
-    enum ls_err err = ls_daylight(6503.616, &daylight);
+    enum ls_err err = ls_daylight(6503.616, &d65);
     ls_rec709_functionals(rec709);
     const struct ls_spectrum *sensitivity = scene->camera[camera];
     const struct ls_spectrum *material = &scene->library.material[SIM_MAT_CHART];
-    double green = ls_spectrum_dot(&daylight, &sensitivity[1]);
-    double white = 0.2126 * ls_spectrum_dot(&daylight, &rec709[0]) +
-                   0.7152 * ls_spectrum_dot(&daylight, &rec709[1]) +
-                   0.0722 * ls_spectrum_dot(&daylight, &rec709[2]);
+    double green = ls_spectrum_dot(&d65, &sensitivity[1]);
+    double white = 0.2126 * ls_spectrum_dot(&d65, &rec709[0]) +
+                   0.7152 * ls_spectrum_dot(&d65, &rec709[1]) +
+                   0.0722 * ls_spectrum_dot(&d65, &rec709[2]);
     for (int p = 0; p < SIM_CHART_PATCHES; p++)
         for (int k = 0; k < 3; k++)
-            raw[p][k] = ls_spectrum_dot3(&daylight, &material[p], &sensitivity[k]) / green;
+            raw[p][k] = ls_spectrum_dot3(&d65, &material[p], &sensitivity[k]) / green;
     struct ls_system system = {.rows = SIM_CHART_PATCHES, .cols = 3, .a = raw[0], .b = wanted};
     for (int r = 0; r < 3 && !err; r++) {
         for (int p = 0; p < SIM_CHART_PATCHES; p++)
-            wanted[p] = ls_spectrum_dot3(&daylight, &material[p], &rec709[r]) / white;
+            wanted[p] = ls_spectrum_dot3(&d65, &material[p], &rec709[r]) / white;
         err = ls_solve_least_squares(&system, c->m[r], NULL, diag);
     }
     c->has_m = !err;

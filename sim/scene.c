@@ -23,12 +23,12 @@ static uint32_t reference_colour(const struct sim_scene *scene, uint32_t camera)
 static enum ls_err scale_cameras(struct sim_scene *scene, struct ls_spectrum *white,
                                  struct ls_diag *diag)
 {
-    struct ls_spectrum daylight;
-    enum ls_err err = ls_daylight(6503.616, &daylight);
+    struct ls_spectrum d65;
+    enum ls_err err = ls_daylight(6503.616, &d65);
     if (err)
         return ls_fail(diag, err, "the daylight of 6504 K cannot be made");
     struct ls_spectrum luminance = ls_cie_1931[1];
-    double y = ls_spectrum_dot(&daylight, &luminance) / ls_spectrum_integral(&luminance);
+    double y = ls_spectrum_dot(&d65, &luminance) / ls_spectrum_integral(&luminance);
     for (uint32_t i = 0; i < scene->config.n_cameras; i++) {
         int mono = scene->view[i].cfa == LS_CFA_NONE;
         scene->colours[i] = mono ? 1 : 3;
@@ -36,7 +36,7 @@ static enum ls_err scale_cameras(struct sim_scene *scene, struct ls_spectrum *wh
             scene->camera[i][c] = scene->library.camera[mono ? 3 : c];
         const struct ls_spectrum *reference = &scene->camera[i][reference_colour(scene, i)];
         double p = i ? ls_spectrum_dot(white, reference)
-                     : ls_spectrum_dot(&daylight, reference) / y;
+                     : ls_spectrum_dot(&d65, reference) / y;
         for (uint32_t c = 0; c < scene->colours[i]; c++)
             scale(&scene->camera[i][c], 1 / p);
         if (i == 0)
