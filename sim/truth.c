@@ -20,7 +20,7 @@ struct sums {
     const struct sim_response *response;
     const float *weights; /* [picture][source][light] */
     uint32_t n_pictures;
-    unsigned parts;
+    unsigned parts; /* of picture 0; the others have all */
     float *out;
     float *nodes; /* [picture][node * colours] */
     uint32_t tiles_x, n_tiles;
@@ -60,7 +60,7 @@ static void bounce_sums(struct sums *s)
 {
     const struct sim_scene *scene = s->scene;
     size_t size = (size_t)scene->subject.n_nodes * s->response->n_colours;
-    for (uint32_t p = 0; size && p < s->n_pictures; p++)
+    for (uint32_t p = !(s->parts & PART_BOUNCED); size && p < s->n_pictures; p++)
         for (uint32_t k = 0; k < s->response->n_sources; k++)
             for (uint32_t i = 0; i < scene->geometry.n_lights; i++) {
                 float w = weight_of(s, p, k, i);
@@ -77,26 +77,35 @@ struct scratch {
     float sum[][3][SIM_TILE_PX];
 };
 
+static void keep_parts(struct sim_terms *terms, unsigned parts)
+{
+    if (!(parts & PART_DIFFUSE))
+        memset(terms->diffuse, 0, sizeof terms->diffuse);
+    if (!(parts & PART_SPECULAR))
+        memset(terms->specular, 0, sizeof terms->specular);
+}
+
 static void add_light(const struct sums *s, struct scratch *t, uint32_t light)
 {
     int shaded = 0;
     const struct sim_response *r = s->response;
-    for (uint32_t p = 0; p < s->n_pictures; p++)
+    for (uint32_t p = s->n_pictures; p-- > 0;) {
+        if (shaded && p == 0)
+            keep_parts(&t->terms, s->parts);
         for (uint32_t k = 0; k < r->n_sources; k++) {
             float w = weight_of(s, p, k, light);
             if (w == 0)
                 continue;
             if (!shaded++) {
                 sim_tile_shade(&s->scene->subject, &s->scene->geometry, &t->tile, light, &t->terms);
-                if (!(s->parts & PART_DIFFUSE))
-                    memset(t->terms.diffuse, 0, sizeof t->terms.diffuse);
-                if (!(s->parts & PART_SPECULAR))
-                    memset(t->terms.specular, 0, sizeof t->terms.specular);
+                if (p == 0)
+                    keep_parts(&t->terms, s->parts);
             }
             for (uint32_t c = 0; c < r->n_colours; c++)
                 sim_tile_add(&t->terms, r->kind[k], r->diffuse[k], t->a[k][c], t->b[k][c], w,
                              t->sum[p][c]);
         }
+    }
 }
 
 static void write_tile(const struct sums *s, const struct scratch *t)
@@ -129,10 +138,10 @@ static void sum_tile(const struct sums *s, struct scratch *t, uint32_t index)
         for (uint32_t c = 0; c < colours; c++)
             sim_tile_factors(&t->tile, s->response, view->cfa, k, (int)c, t->a[k][c], t->b[k][c]);
     memset(t->sum, 0, s->n_pictures * sizeof *t->sum);
-    for (uint32_t i = 0; i < scene->geometry.n_lights && s->parts & ~PART_BOUNCED; i++)
+    for (uint32_t i = 0; i < scene->geometry.n_lights; i++)
         add_light(s, t, i);
     size_t nodes = (size_t)scene->subject.n_nodes * colours;
-    for (uint32_t p = 0; nodes && s->parts & PART_BOUNCED && p < s->n_pictures; p++)
+    for (uint32_t p = !(s->parts & PART_BOUNCED); nodes && p < s->n_pictures; p++)
         for (uint32_t c = 0; c < colours; c++)
             sim_tile_bounce(&t->tile, s->nodes + p * nodes, colours, view->cfa, (int)c,
                             t->sum[p][c]);
@@ -174,8 +183,7 @@ static enum ls_err traced_sums(struct sums *s)
     if (!at_nodes)
         return LS_ERR_NOMEM;
     s->nodes = at_nodes;
-    if (s->parts & PART_BOUNCED)
-        bounce_sums(s);
+    bounce_sums(s);
     s->tiles_x = (s->region->width + SIM_TILE - 1) / SIM_TILE;
     s->n_tiles = s->tiles_x * ((s->region->height + SIM_TILE - 1) / SIM_TILE);
     pthread_t helper;
@@ -318,20 +326,22 @@ static enum ls_err share(const struct sim_scene *scene, const struct sim_region 
     if (err)
         return err;
     size_t n = region_values(scene, region);
+    size_t row = (size_t)scene->config.n_channels * scene->geometry.n_lights;
     uint32_t colours = scene->colours[region->camera];
-    LS_CLEANUP_FREE float *some = malloc(n * sizeof *some);
-    LS_CLEANUP_FREE float *all = malloc(n * sizeof *all);
-    if (!some || !all)
+    LS_CLEANUP_FREE float *both = malloc(2 * n * sizeof *both);
+    LS_CLEANUP_FREE float *twice = malloc(2 * row * sizeof *twice);
+    if (!both || !twice)
         return ls_fail(diag, LS_ERR_NOMEM, "out of memory for a mask");
-    if ((err = relight(scene, region, weights, 1, part, some, diag)) ||
-        (err = relight(scene, region, weights, 1, PART_ALL, all, diag)))
+    memcpy(twice, weights, row * sizeof *twice);
+    memcpy(twice + row, weights, row * sizeof *twice);
+    if ((err = relight(scene, region, twice, 2, part, both, diag)))
         return err;
     for (size_t i = 0; i < n / colours; i++) {
         out[i] = 0;
         for (uint32_t c = 0; c < colours; c++) {
-            size_t at = i * colours + c;
-            if (all[at] > 0 && (colour < 0 || (uint32_t)colour == c))
-                out[i] = fmaxf(out[i], some[at] / all[at]);
+            float some = both[i * colours + c], all = both[n + i * colours + c];
+            if (all > 0 && (colour < 0 || (uint32_t)colour == c))
+                out[i] = fmaxf(out[i], some / all);
         }
     }
     return LS_OK;
