@@ -29,15 +29,19 @@ static enum ls_err read_file(const char *path, char **bytes, size_t *size, struc
     return *bytes ? LS_OK : ls_fail(diag, LS_ERR_INVALID, "%s: expected 1 byte to 256 MiB", path);
 }
 
-/* Luminance of linear Rec. 709; white is a 90 % diffuser facing a light. */
-static void to_radiance(const struct ls_image *image, float *out)
+/* Luminance of linear Rec. 709, top left in a row-major picture @width wide; white is a 90 %
+ * diffuser facing a light. */
+static void to_radiance(const struct ls_image *image, float *out, uint32_t width)
 {
-    size_t n = (size_t)image->width * image->height;
-    for (size_t i = 0; i < n; i++) {
-        const float *p = image->pixels + i * image->n_channels;
-        float y = image->n_channels == 1 ? p[0] : 0.2126f * p[0] + 0.7152f * p[1] + 0.0722f * p[2];
-        out[i] = y * (float)(0.9 / M_PI);
-    }
+    for (uint32_t y = 0; y < image->height; y++)
+        for (uint32_t x = 0; x < image->width; x++) {
+            size_t at = (size_t)y * image->width + x;
+            const float *p = image->pixels + at * image->n_channels;
+            float value = image->n_channels == 1
+                              ? p[0]
+                              : 0.2126f * p[0] + 0.7152f * p[1] + 0.0722f * p[2];
+            out[(size_t)y * width + x] = value * (float)(0.9 / M_PI);
+        }
 }
 
 static enum ls_err load_image(struct sim_scene *scene, const char *name, uint32_t light,
@@ -56,11 +60,12 @@ static enum ls_err load_image(struct sim_scene *scene, const char *name, uint32_
     if (err)
         return ls_fail(diag, err, "%s: %.400s", path, inner.text);
     const struct sim_view *view = &scene->view[0];
-    if (image.width != view->width || image.height != view->height)
-        err = ls_fail(diag, LS_ERR_INVALID, "%s: has %u x %u px, the camera %u x %u", path,
+    if (image.width > view->width || image.height > view->height)
+        err = ls_fail(diag, LS_ERR_INVALID, "%s: has %u x %u px, the camera only %u x %u", path,
                       image.width, image.height, view->width, view->height);
     else
-        to_radiance(&image, scene->replay + (size_t)light * view->width * view->height);
+        to_radiance(&image, scene->replay + (size_t)light * view->width * view->height,
+                    view->width);
     ls_image_finish(&image);
     return err;
 }

@@ -106,8 +106,9 @@ struct sim_scene;
 
 /**
  * Build the world: load spectra and positions, draw gains, trace what the cameras see.
- * (transfer full). Errors: LS_ERR_INVALID, LS_ERR_NOT_FOUND (a file), LS_ERR_NOMEM. For replay the
- * images must have the camera's size, and there must be at least as many as lights.
+ * (transfer full). Errors: LS_ERR_INVALID, LS_ERR_NOT_FOUND (a file), LS_ERR_NOMEM. For replay
+ * there must be at least as many PNG images as lights, none larger than the sensor; smaller ones lie
+ * at its top left, the rest is black.
  */
 LS_MUST_CHECK enum ls_err sim_scene_create(const struct sim_scene_config *config,
                                            struct sim_scene **out, struct ls_diag *diag);
