@@ -27,7 +27,7 @@ BUILD = os.path.join(stage.ROOT, "build")
 ENVIRONMENT = os.path.join(stage.ROOT, "sim", "environment.json")
 
 PLAN = """subject = "still";
-exposures_us = [500, 2500, 12500];
+exposures_us = [100, 800, 6400];
 darks = 64;
 conditions = ( { kind = "sphere"; channels = ["W", "R", "A", "G", "C", "B", "V", "H"]; },
                { kind = "each"; channels = ["W"]; } );
