@@ -10,6 +10,7 @@ enum { F, V, VARIANCE, PLANES };
 enum { SMALL_PX = 2, LARGE_PX = LS_RATIO_HALO_PX };
 static const double trust_from = 4, trust_all = 10; /* sigma */
 static const double departure = 8;
+static const float demosaic_sigma = 0.05f; /* of the range of V around a sample */
 
 void ls_promote_denominator_row(const struct ls_field *field, uint32_t s, float *row)
 {
@@ -37,6 +38,35 @@ void ls_promote_sigma(const struct ls_field *field, const float *row, size_t n_r
     for (size_t j = 0; j < n; j++)
         sigma[j] =
             (float)sqrt(floor_variance + field->noise.shot * largest * fmax((double)v[j], 0));
+}
+
+/* largest and smallest of v along a line of 2 LS_CONTRAST_HALO_PX + 1 samples @step apart */
+static void range_of(const float *v, size_t step, uint32_t at, uint32_t end, float *low, float *high)
+{
+    uint32_t first = at > LS_CONTRAST_HALO_PX ? at - LS_CONTRAST_HALO_PX : 0;
+    uint32_t last = end - 1 - at < LS_CONTRAST_HALO_PX ? end - 1 : at + LS_CONTRAST_HALO_PX;
+    for (uint32_t j = first; j <= last; j++) {
+        float value = v[(size_t)j * step];
+        *low = value < *low ? value : *low;
+        *high = value > *high ? value : *high;
+    }
+}
+
+void ls_promote_add_contrast(const float *v, uint32_t width, uint32_t height, uint32_t channels,
+                             float *sigma)
+{
+    size_t row = (size_t)width * channels;
+    for (uint32_t y = 0; y < height; y++) {
+        uint32_t top = y > LS_CONTRAST_HALO_PX ? y - LS_CONTRAST_HALO_PX : 0;
+        uint32_t end = height - 1 - y < LS_CONTRAST_HALO_PX ? height : y + LS_CONTRAST_HALO_PX + 1;
+        for (size_t j = 0; j < row; j++) {
+            float low = v[y * row + j], high = low;
+            for (uint32_t k = top; k < end; k++)
+                range_of(v + k * row + j % channels, channels, (uint32_t)(j / channels), width,
+                         &low, &high);
+            sigma[y * row + j] = hypotf(sigma[y * row + j], demosaic_sigma * (high - low));
+        }
+    }
 }
 
 /** F, V and the variance of V of one channel; 0 where not measured. */

@@ -29,8 +29,8 @@ struct band {
 static struct band band_at(const struct ls_field *field, uint32_t y0)
 {
     uint32_t y1 = field->height - y0 > BAND_ROWS ? y0 + BAND_ROWS : field->height;
-    uint32_t top = y0 > LS_RATIO_HALO_PX ? y0 - LS_RATIO_HALO_PX : 0;
-    uint32_t end = field->height - y1 > LS_RATIO_HALO_PX ? y1 + LS_RATIO_HALO_PX : field->height;
+    uint32_t top = y0 > LS_PROMOTE_HALO_PX ? y0 - LS_PROMOTE_HALO_PX : 0;
+    uint32_t end = field->height - y1 > LS_PROMOTE_HALO_PX ? y1 + LS_PROMOTE_HALO_PX : field->height;
     struct band band = {.y0 = y0, .y1 = y1, .padded = {0, top, field->width, end - top}};
     band.tiles = ls_region_of_pixels(field, 0, top, field->width, end, LS_DEMOSAIC_HALO);
     band.window = (struct ls_demosaic_region){
@@ -63,7 +63,7 @@ static enum ls_err pass_init(struct pass *pass, struct ls_diag *diag)
     const struct ls_field *field = pass->field;
     size_t width = field->width, colours = field->n_channels;
     size_t window = width * (BAND_ROWS + 4 * LS_TILE_SIDE);
-    size_t padded = width * (BAND_ROWS + 2 * LS_RATIO_HALO_PX) * colours;
+    size_t padded = width * (BAND_ROWS + 2 * LS_PROMOTE_HALO_PX) * colours;
     int missing = 0;
     pass->rows = floats((size_t)pass->n * field->n_lights);
     pass->spheres = calloc((size_t)pass->n * field->n_spectra, sizeof(float));
@@ -122,6 +122,9 @@ static enum ls_err one_ratio(struct pass *pass, const struct band *band, uint32_
         return err;
     ls_promote_sigma(field, pass->rows + (size_t)i * field->n_lights, field->n_lights,
                      pass->v_rgb, n, pass->sigma);
+    if (colours > 1)
+        ls_promote_add_contrast(pass->v_rgb, band->padded.width, band->padded.height, colours,
+                                pass->sigma);
     err = ls_promote_ratio(pass->f_rgb, pass->v_rgb, pass->sigma, band->padded.width,
                            band->padded.height, colours, neutral, pass->ratio, diag);
     if (!err)
