@@ -1,4 +1,5 @@
 #include "clients/command.h"
+#include "clients/picture_attrs.h"
 #include "clients/picture_file.h"
 #include "clients/region_option.h"
 #include "clients/take_document.h"
@@ -96,19 +97,20 @@ static void fill_attributes(const struct fetch *fetch, const Lightstage__FetchRe
                             struct ls_exr_attrs *attrs)
 {
     const struct options *o = fetch->options;
-    ls_exr_attrs_string(attrs, "lightstage/take", fetch->document->id);
+    const struct ls_take_document *d = fetch->document;
+    ls_picture_attrs_take(d, band->calibrated, attrs);
+    ls_picture_attrs_model(o->promoted, false, attrs);
+    ls_exr_attrs_float(attrs, "expTime", (float)d->longest_exposure_s);
     ls_exr_attrs_string(attrs, "lightstage/channel", o->channel);
-    ls_exr_attrs_string(attrs, "lightstage/model", o->promoted ? "sphere" : "measured");
-    ls_exr_attrs_string(attrs, "lightstage/units", o->estimate ? "E" : "R");
+    ls_exr_attrs_string(attrs, "lightstage/cfa",
+                        o->rgb ? "none" : ls_cfa_name(d->cfa));
+    ls_exr_attrs_string(attrs, "lightstage/units",
+                        o->estimate ? "full scale / s x referenceExposure" : "R");
+    ls_exr_attrs_int(attrs, "lightstage/blackSubtracted", 1);
     ls_exr_attrs_float(attrs, "lightstage/gain", (float)band->gain_k);
     ls_exr_attrs_float(attrs, "lightstage/referenceExposure", (float)band->reference_exposure_s);
-    ls_exr_attrs_string(attrs, "lightstage/calibration", band->calibrated ? "given" : "none");
-    ls_exr_attrs_int(attrs, "lightstage/conventions", 1);
-    if (o->full_sphere)
-        return;
-    ls_exr_attrs_int(attrs, "lightstage/light", (int32_t)band->light);
-    if (band->light < fetch->document->n_lights)
-        ls_exr_attrs_v3f(attrs, "lightstage/direction", fetch->document->direction[band->light]);
+    if (!o->full_sphere)
+        ls_picture_attrs_light(d, band->light, attrs);
 }
 
 static enum ls_err record(struct fetch *fetch, const char *path,

@@ -1,9 +1,11 @@
 #include "clients/command.h"
 #include "clients/environment_file.h"
 #include "clients/light_weights.h"
+#include "clients/picture_attrs.h"
 #include "clients/picture_file.h"
 #include "clients/region_option.h"
 #include "clients/take_document.h"
+#include "clients/weights_file.h"
 
 #include <math.h>
 #include <stdio.h>
@@ -12,6 +14,8 @@
 
 struct options {
     const char *exr, *png;
+    const char *light; /* what the take is relit with: the environment, or weights */
+    bool weights;
     bool tristimulus, raw;
     double turn_deg, exposure, max_error;
     bool exposure_given;
@@ -40,13 +44,17 @@ static bool number(const char *text, double *out)
 /* One option; LS_EXIT_OK or the exit code. */
 static int set(struct options *out, int option)
 {
-    enum { OUTPUT = 1, PNG, SOLVE, ROTATE, RAW, SPACE, REGION, EXPOSURE, MAX_ERROR };
+    enum { OUTPUT = 1, PNG, SOLVE, ROTATE, RAW, SPACE, REGION, EXPOSURE, MAX_ERROR, WEIGHTS };
     switch (option) {
     case OUTPUT:
         out->exr = optarg;
         return LS_EXIT_OK;
     case PNG:
         out->png = optarg;
+        return LS_EXIT_OK;
+    case WEIGHTS:
+        out->weights = true;
+        out->light = optarg;
         return LS_EXIT_OK;
     case RAW:
         out->raw = true;
@@ -94,6 +102,7 @@ static int parse(struct ls_command_context *context, int argc, char **argv, stru
                                             {"region", required_argument, NULL, 7},
                                             {"exposure", required_argument, NULL, 8},
                                             {"max-error", required_argument, NULL, 9},
+                                            {"weights", required_argument, NULL, 10},
                                             LS_COMMON_OPTIONS};
     lightstage__region__init(&out->region);
     for (int option;
@@ -102,8 +111,10 @@ static int parse(struct ls_command_context *context, int argc, char **argv, stru
         if (code)
             return code;
     }
-    if (!ls_command_arguments(&ls_command_relight, argc, 2))
+    if (!ls_command_arguments(&ls_command_relight, argc, out->weights ? 1 : 2))
         return LS_EXIT_USAGE;
+    if (!out->weights)
+        out->light = argv[optind + 1];
     if (!out->exr && !out->png)
         return ls_command_wrong("relight: --output FILE.exr or --png FILE.png is needed");
     return LS_EXIT_OK;
@@ -207,22 +218,32 @@ static enum ls_err to_rec709(const struct ls_take_document *document,
     return LS_OK;
 }
 
+/* Is any of the spectra one that was not photographed light by light? */
+static bool is_promoted(const struct ls_take_document *document,
+                        const struct ls_light_weights *weights)
+{
+    for (uint32_t n = 0; n < weights->n_names; n++)
+        for (uint32_t c = 0; c < document->n_channels; c++)
+            if (strcmp(document->channels[c].name, weights->names[n]) == 0 &&
+                !document->channels[c].each)
+                return true;
+    return false;
+}
+
 static enum ls_err write_exr(const struct options *options, const struct ls_take_document *document,
-                             const char *environment, const struct ls_image *image, bool rec709,
-                             struct ls_diag *diag)
+                             const struct ls_image *image, bool promoted, bool calibrated,
+                             bool rec709, struct ls_diag *diag)
 {
     static const float primaries[8] = {0.64f, 0.33f, 0.30f, 0.60f, 0.15f, 0.06f, 0.3127f, 0.3290f};
     struct ls_exr_attrs attrs = {0};
     const struct ls_picture_place place = {(int32_t)options->region.x, (int32_t)options->region.y,
                                            document->width, document->height};
-    const char *file = strrchr(environment, '/');
-    ls_exr_attrs_string(&attrs, "lightstage/take", document->id);
-    ls_exr_attrs_string(&attrs, "lightstage/environment", file ? file + 1 : environment);
-    ls_exr_attrs_string(&attrs, "lightstage/model", options->tristimulus ? "tristimulus" : "sphere");
+    const char *file = strrchr(options->light, '/');
+    ls_picture_attrs_take(document, calibrated, &attrs);
+    ls_picture_attrs_model(promoted, options->tristimulus, &attrs);
+    ls_exr_attrs_string(&attrs, "lightstage/environment", file ? file + 1 : options->light);
     ls_exr_attrs_string(&attrs, "lightstage/units", rec709 ? "rec709-linear" : "camera-raw");
-    ls_exr_attrs_string(&attrs, "lightstage/calibration", document->calibration ? "given" : "none");
     ls_exr_attrs_float(&attrs, "lightstage/rotation", (float)options->turn_deg);
-    ls_exr_attrs_int(&attrs, "lightstage/conventions", 1);
     if (rec709)
         ls_exr_attrs_chromaticities(&attrs, "chromaticities", primaries);
     enum ls_err err =
@@ -233,7 +254,7 @@ static enum ls_err write_exr(const struct options *options, const struct ls_take
 
 static enum ls_err write_pictures(const struct options *options,
                                   const struct ls_take_document *document,
-                                  const struct ls_light_weights *weights, const char *environment,
+                                  const struct ls_light_weights *weights,
                                   const struct result *result, struct ls_diag *diag)
 {
     struct ls_image shown = {0};
@@ -244,7 +265,8 @@ static enum ls_err write_pictures(const struct options *options,
         fputs("lightstagectl: warning: the take has no matrix M: the picture stays in the camera's "
               "own colours\n", stderr);
     if (!err && options->exr)
-        err = write_exr(options, document, environment, options->raw ? &result->image : &shown,
+        err = write_exr(options, document, options->raw ? &result->image : &shown,
+                        is_promoted(document, weights), result->calibrated,
                         rec709 && (!options->raw || weights->after_m), diag);
     if (!err && options->png)
         err = ls_picture_file_png(options->png, &shown, scale, NULL, diag);
@@ -277,25 +299,34 @@ static void print_result(const struct ls_command_context *context, const struct 
 
 /* ---- the command ---- */
 
-static int relight(struct ls_command_context *context, const struct options *options,
-                   const struct ls_take_document *document, const char *environment_path)
+static enum ls_err make_weights(const struct options *options,
+                                const struct ls_take_document *document,
+                                struct ls_light_weights *weights, struct ls_diag *diag)
 {
     struct ls_environment_file environment;
+    if (options->weights)
+        return ls_weights_file_read(options->light, document, weights, diag)
+                   ? LS_ERR_INVALID
+                   : LS_OK;
+    if (ls_environment_file_read(options->light, options->space, &environment, diag))
+        return LS_ERR_INVALID;
+    enum ls_err err = ls_light_weights_make(document, &environment, options->tristimulus,
+                                            options->turn_deg, weights, diag);
+    ls_environment_file_finish(&environment);
+    return err;
+}
+
+static int relight(struct ls_command_context *context, const struct options *options,
+                   const struct ls_take_document *document)
+{
     struct ls_light_weights weights = {0};
     struct result result = {0};
-    enum ls_err err =
-        ls_environment_file_read(environment_path, options->space, &environment, &context->diag);
-    if (err)
-        return ls_command_failed(context, LS_ERR_INVALID);
-    err = ls_light_weights_make(document, &environment, options->tristimulus, options->turn_deg,
-                                &weights, &context->diag);
-    ls_environment_file_finish(&environment);
+    enum ls_err err = make_weights(options, document, &weights, &context->diag);
     if (err)
         return ls_command_failed(context, err);
     int code = ask(context, document->id, options, &weights, &result);
     if (code == LS_EXIT_OK) {
-        err = write_pictures(options, document, &weights, environment_path, &result,
-                             &context->diag);
+        err = write_pictures(options, document, &weights, &result, &context->diag);
         if (err)
             code = ls_command_failed(context, err);
         else
@@ -311,13 +342,11 @@ static int run(struct ls_command_context *context, int argc, char **argv)
     struct options options = {0};
     struct ls_take_document *document = NULL;
     int code = parse(context, argc, argv, &options);
+    if (!code)
+        code = ls_take_document_get(context, argv[optind], &document);
     if (code)
         return code;
-    const char *take = argv[optind], *environment = argv[optind + 1];
-    code = ls_take_document_get(context, take, &document);
-    if (code)
-        return code;
-    code = relight(context, &options, document, environment);
+    code = relight(context, &options, document);
     ls_take_document_destroy(document);
     return code;
 }
@@ -326,5 +355,7 @@ const struct ls_command ls_command_relight = {
     "relight", "A take under another light: a lat-long .hdr or .exr, or spectral lobes as .json",
     "TAKE ENVIRONMENT --output FILE.exr [--png FILE.png] [--raw]\n"
     "         [--solve spectral|tristimulus] [--rotate DEG] [--space rec709-linear|camera-raw]\n"
-    "         [--region X,Y,WIDTH,HEIGHT] [--exposure STOPS] [--max-error E] [--json]",
+    "         [--region X,Y,WIDTH,HEIGHT] [--exposure STOPS] [--max-error E] [--json]\n"
+    "       lightstagectl relight TAKE --weights FILE.json --output FILE.exr [...]\n"
+    "         instead of an environment: {\"W\": [one per light, radiance x sr], ...}",
     run};

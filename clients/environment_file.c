@@ -4,6 +4,7 @@
 #include "core/exr.h"
 #include "core/rgbe.h"
 
+#include <math.h>
 #include <stdlib.h>
 #include <string.h>
 #include <strings.h>
@@ -40,6 +41,30 @@ static enum ls_err spread_grey(struct ls_image *image, struct ls_diag *diag)
     return LS_OK;
 }
 
+/* The map's numbers are Rec. 709, or the camera's own, which no primaries describe. */
+static enum ls_err check_primaries(const struct ls_exr_attrs *attrs, struct ls_diag *diag)
+{
+    static const float rec709[8] = {0.64f, 0.33f, 0.30f, 0.60f, 0.15f, 0.06f, 0.3127f, 0.3290f};
+    const struct ls_exr_attr *attr = ls_exr_attrs_find(attrs, "chromaticities");
+    for (int i = 0; attr && i < 8; i++)
+        if (attr->kind != LS_EXR_ATTR_CHROMATICITIES || !(fabsf(attr->f[i] - rec709[i]) < 0.0015f))
+            return ls_fail(diag, LS_ERR_UNSUPPORTED,
+                           "OpenEXR: chromaticities other than Rec. 709: convert the map with "
+                           "oiiotool --colorconvert, then --eraseattrib chromaticities");
+    return LS_OK;
+}
+
+static enum ls_err read_exr(const char *bytes, size_t n, struct ls_image *image,
+                            struct ls_diag *diag)
+{
+    struct ls_exr_attrs attrs = {0};
+    enum ls_err err = ls_exr_read(bytes, n, NULL, max_pixel_bytes, image, &attrs, diag);
+    if (!err)
+        err = check_primaries(&attrs, diag);
+    ls_exr_attrs_finish(&attrs);
+    return err;
+}
+
 static enum ls_err read_bytes(enum format format, const char *bytes, size_t n,
                               struct ls_environment_file *out, struct ls_diag *diag)
 {
@@ -49,7 +74,7 @@ static enum ls_err read_bytes(enum format format, const char *bytes, size_t n,
     if (format == FORMAT_RGBE)
         err = ls_rgbe_read(bytes, n, max_pixel_bytes, &out->image, diag);
     else
-        err = ls_exr_read(bytes, n, NULL, max_pixel_bytes, &out->image, NULL, diag);
+        err = read_exr(bytes, n, &out->image, diag);
     return !err && out->image.n_channels == 1 ? spread_grey(&out->image, diag) : err;
 }
 

@@ -12,6 +12,7 @@ void ls_take_document_destroy(struct ls_take_document *document)
     if (!document)
         return;
     ls_calibration_destroy(document->calibration);
+    free(document->position_m);
     free(document->direction);
     free(document->omega_sr);
     free(document);
@@ -29,9 +30,10 @@ static enum ls_err read_lights(struct ls_take_document *d, const json_t *rig, st
     size_t n = json_array_size(list);
     if (n < 1 || n > LS_DOCUMENT_LIGHTS)
         return wrong(diag, "rig.lights.position_m");
+    d->position_m = calloc(n, sizeof *d->position_m);
     d->direction = calloc(n, sizeof *d->direction);
     d->omega_sr = calloc(n, sizeof *d->omega_sr);
-    if (!d->direction || !d->omega_sr)
+    if (!d->position_m || !d->direction || !d->omega_sr)
         return ls_fail(diag, LS_ERR_NOMEM, "out of memory");
     d->n_lights = (uint32_t)n;
     for (size_t i = 0; i < n; i++) {
@@ -42,8 +44,10 @@ static enum ls_err read_lights(struct ls_take_document *d, const json_t *rig, st
         }
         if (!(length > 0) || !isfinite(length))
             return wrong(diag, "rig.lights.position_m");
-        for (size_t a = 0; a < 3; a++)
+        for (size_t a = 0; a < 3; a++) {
+            d->position_m[i][a] = (float)p[a];
             d->direction[i][a] = (float)(p[a] / sqrt(length));
+        }
     }
     return ls_envlights_omega((const float(*)[3])d->direction, n, d->omega_sr, diag);
 }
@@ -86,13 +90,42 @@ static void read_conditions(struct ls_take_document *d, const json_t *doc)
     }
 }
 
+static void copy_text(const json_t *item, const char *key, char out[64])
+{
+    const char *text = json_string_value(json_object_get(item, key));
+    snprintf(out, 64, "%s", text ? text : "");
+}
+
+static void copy_vector(const json_t *item, const char *key, float out[3])
+{
+    for (size_t a = 0; a < 3; a++)
+        out[a] = (float)json_number_value(json_array_get(json_object_get(item, key), a));
+}
+
+/* take.json has ISO 8601; OpenEXR's capDate has colons and a space. */
+static void copy_date(const json_t *doc, char out[40])
+{
+    const char *utc = json_string_value(json_object_get(doc, "utc"));
+    int v[6];
+    if (utc && sscanf(utc, "%4d-%2d-%2dT%2d:%2d:%2d", &v[0], &v[1], &v[2], &v[3], &v[4], &v[5]) == 6)
+        snprintf(out, 40, "%04d:%02d:%02d %02d:%02d:%02d", v[0], v[1], v[2],
+                 v[3], v[4], v[5]);
+}
+
 static enum ls_err read_camera(struct ls_take_document *d, const json_t *rig, struct ls_diag *diag)
 {
     const json_t *item = json_array_get(json_object_get(rig, "cameras"), 0);
-    const char *format = json_string_value(json_object_get(item, "pixel_format"));
+    const char *name = json_string_value(json_object_get(item, "pixel_format"));
+    const struct ls_pixel_format *format = name ? ls_pixel_by_name(name) : NULL;
     if (!format)
-        return wrong(diag, "rig.cameras");
-    d->mono = strncmp(format, "Mono", 4) == 0;
+        return wrong(diag, "rig.cameras.pixel_format");
+    copy_text(item, "vendor", d->camera.vendor);
+    copy_text(item, "model", d->camera.model);
+    copy_text(item, "serial", d->camera.serial);
+    copy_vector(item, "position_m", d->camera.position_m);
+    copy_vector(item, "look_at_m", d->camera.look_at_m);
+    d->cfa = format->cfa;
+    d->mono = format->cfa == LS_CFA_NONE;
     d->width = (uint32_t)json_integer_value(json_object_get(item, "width"));
     d->height = (uint32_t)json_integer_value(json_object_get(item, "height"));
     return LS_OK;
@@ -121,6 +154,10 @@ static enum ls_err read_document(struct ls_take_document *d, const json_t *doc,
 {
     const json_t *rig = json_object_get(doc, "rig");
     d->reference_exposure_s = json_number_value(json_object_get(doc, "reference_exposure_s"));
+    const json_t *exposures = json_object_get(doc, "exposure_s");
+    d->longest_exposure_s =
+        json_number_value(json_array_get(exposures, json_array_size(exposures) - 1));
+    copy_date(doc, d->date);
     enum ls_err err = read_lights(d, rig, diag);
     if (!err)
         err = read_channels(d, rig, diag);

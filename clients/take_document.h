@@ -7,22 +7,32 @@
 
 #include "clients/command.h"
 #include "core/calibration.h"
+#include "core/pixel.h"
 
 #include <stdbool.h>
 #include <stdint.h>
 
 enum { LS_DOCUMENT_CHANNELS = 16, LS_DOCUMENT_LIGHTS = 4096 };
 
+struct ls_document_camera {
+    char vendor[64], model[64], serial[64];
+    float position_m[3], look_at_m[3];
+};
+
 struct ls_take_document {
     char id[128];
+    char date[40]; /* UTC, "YYYY:MM:DD hh:mm:ss"; empty if the take does not say */
     uint32_t n_lights;
-    float (*direction)[3]; /* unit, towards the light */
+    float (*position_m)[3]; /* stage frame */
+    float (*direction)[3];  /* unit, towards the light */
     double *omega_sr;      /* of the cells; the calibration's, if it has one */
     uint32_t n_channels;
     struct { char name[32]; bool spectrum, each, sphere; } channels[LS_DOCUMENT_CHANNELS];
+    struct ls_document_camera camera;
     bool mono;
+    enum ls_cfa cfa;
     uint32_t width, height;
-    double reference_exposure_s;
+    double reference_exposure_s, longest_exposure_s;
     struct ls_calibration *calibration; /* NULL: the take has none */
 };
 

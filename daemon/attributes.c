@@ -1,50 +1,10 @@
 #include "daemon/attributes.h"
 
 #include "core/pixel.h"
+#include "core/view.h"
 
 #include <math.h>
-#include <string.h>
 #include <time.h>
-
-static void cross(const double a[3], const double b[3], double out[3])
-{
-    for (int i = 0; i < 3; i++)
-        out[i] = a[(i + 1) % 3] * b[(i + 2) % 3] - a[(i + 2) % 3] * b[(i + 1) % 3];
-}
-
-static double normalise(double v[3])
-{
-    double length = sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2]);
-    for (int i = 0; i < 3 && length > 0; i++)
-        v[i] /= length;
-    return length;
-}
-
-void ls_world_to_camera(const float position_m[3], const float look_at_m[3], float matrix[16])
-{
-    double axes[3][3] = {{1, 0, 0}, {0, 1, 0}, {0, 0, 1}};
-    double up[3] = {0, 1, 0}, back[3] = {0, 0, -1};
-    for (int i = 0; i < 3; i++)
-        axes[2][i] = (double)position_m[i] - look_at_m[i];
-    if (normalise(axes[2]) == 0)
-        axes[2][2] = 1;
-    cross(up, axes[2], axes[0]);
-    if (normalise(axes[0]) < 1e-9) {
-        cross(back, axes[2], axes[0]);
-        normalise(axes[0]);
-    }
-    cross(axes[2], axes[0], axes[1]);
-    memset(matrix, 0, 16 * sizeof *matrix);
-    for (int column = 0; column < 3; column++) {
-        double offset = 0;
-        for (int row = 0; row < 3; row++) {
-            matrix[4 * row + column] = (float)axes[column][row];
-            offset -= position_m[row] * axes[column][row];
-        }
-        matrix[12 + column] = (float)offset;
-    }
-    matrix[15] = 1;
-}
 
 static void add_standard(const struct ls_picture *picture, struct ls_exr_attrs *attrs)
 {
@@ -68,9 +28,9 @@ static void add_standard(const struct ls_picture *picture, struct ls_exr_attrs *
 static void add_light(const struct ls_config *config, int32_t light, struct ls_exr_attrs *attrs)
 {
     const float *p = config->lights[light].position_m;
-    double d[3] = {p[0], p[1], p[2]};
-    normalise(d);
-    const float direction[3] = {(float)d[0], (float)d[1], (float)d[2]};
+    double length = sqrt((double)p[0] * p[0] + (double)p[1] * p[1] + (double)p[2] * p[2]);
+    const float direction[3] = {(float)(p[0] / length), (float)(p[1] / length),
+                                (float)(p[2] / length)};
     ls_exr_attrs_int(attrs, "lightstage/light", light);
     ls_exr_attrs_v3f(attrs, "lightstage/position", p);
     ls_exr_attrs_v3f(attrs, "lightstage/direction", direction);
@@ -106,6 +66,9 @@ void ls_picture_attributes(const struct ls_picture *picture, struct ls_exr_attrs
         return;
     }
     ls_exr_attrs_string(attrs, "lightstage/units", "full scale / s x referenceExposure");
+    ls_exr_attrs_string(attrs, "lightstage/model", "measured");
+    ls_exr_attrs_string(attrs, "lightstage/reference", "none");
+    ls_exr_attrs_float(attrs, "lightstage/gain", 1);
     ls_exr_attrs_int(attrs, "lightstage/blackSubtracted", 1);
     ls_exr_attrs_float(attrs, "lightstage/referenceExposure", (float)picture->reference_exposure_s);
 }

@@ -29,10 +29,4 @@ struct ls_picture {
 /** Fill an empty list; errors stay in attrs->err, as ls_exr_attrs has it. */
 void ls_picture_attributes(const struct ls_picture *picture, struct ls_exr_attrs *attrs);
 
-/**
- * World (stage frame, metres) to camera (x right, y up, looking along -z), for row vectors:
- * p_camera = p_world M. Looking straight up or down, the picture's top points to -z.
- */
-void ls_world_to_camera(const float position_m[3], const float look_at_m[3], float matrix[16]);
-
 #endif

@@ -1,0 +1,42 @@
+#include "clients/picture_attrs.h"
+
+#include "core/view.h"
+
+void ls_picture_attrs_take(const struct ls_take_document *document, bool calibrated,
+                           struct ls_exr_attrs *attrs)
+{
+    const struct ls_document_camera *camera = &document->camera;
+    float matrix[16];
+    ls_world_to_camera(camera->position_m, camera->look_at_m, matrix);
+    if (document->date[0]) {
+        ls_exr_attrs_string(attrs, "capDate", document->date);
+        ls_exr_attrs_float(attrs, "utcOffset", 0);
+    }
+    ls_exr_attrs_string(attrs, "cameraMake", camera->vendor);
+    ls_exr_attrs_string(attrs, "cameraModel", camera->model);
+    ls_exr_attrs_string(attrs, "cameraSerialNumber", camera->serial);
+    ls_exr_attrs_m44f(attrs, "worldToCamera", matrix);
+    ls_exr_attrs_string(attrs, "lightstage/take", document->id);
+    ls_exr_attrs_string(attrs, "lightstage/calibration", calibrated ? "given" : "none");
+    ls_exr_attrs_int(attrs, "lightstage/conventions", 1);
+}
+
+void ls_picture_attrs_light(const struct ls_take_document *document, uint32_t light,
+                            struct ls_exr_attrs *attrs)
+{
+    ls_exr_attrs_int(attrs, "lightstage/light", (int32_t)light);
+    if (light >= document->n_lights)
+        return;
+    ls_exr_attrs_v3f(attrs, "lightstage/position", document->position_m[light]);
+    ls_exr_attrs_v3f(attrs, "lightstage/direction", document->direction[light]);
+}
+
+void ls_picture_attrs_model(bool promoted, bool baseline, struct ls_exr_attrs *attrs)
+{
+    ls_exr_attrs_string(attrs, "lightstage/model",
+                        baseline   ? "tristimulus"
+                        : promoted ? "sphere"
+                                   : "measured");
+    ls_exr_attrs_string(attrs, "lightstage/reference",
+                        promoted && !baseline ? "strengths" : "none");
+}

@@ -1,0 +1,24 @@
+/*
+ * picture_attrs: what every picture made from a take says of the take in its OpenEXR header.
+ * Layer: clients. Threads: the main thread. Ownership: the caller finishes the list.
+ */
+#ifndef LS_CLIENTS_PICTURE_ATTRS_H
+#define LS_CLIENTS_PICTURE_ATTRS_H
+
+#include "clients/take_document.h"
+#include "core/exr.h"
+
+/** The take, its time, its camera, its conventions, and whether it was @calibrated. Errors stay in
+ * attrs->err. */
+void ls_picture_attrs_take(const struct ls_take_document *document, bool calibrated,
+                           struct ls_exr_attrs *attrs);
+
+/** One light: its row in the rig, where it stands, and the direction towards it. */
+void ls_picture_attrs_light(const struct ls_take_document *document, uint32_t light,
+                            struct ls_exr_attrs *attrs);
+
+/** How the values came about: @promoted from white by Eq. 1 under the full sphere, weighted with
+ * each spectrum's own strengths, or only measured; or relit by the tristimulus @baseline. */
+void ls_picture_attrs_model(bool promoted, bool baseline, struct ls_exr_attrs *attrs);
+
+#endif
