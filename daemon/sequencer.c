@@ -354,7 +354,7 @@ static enum ls_err execute(struct run *run)
 {
     enum ls_err err = interrupted(run->seq);
     if (!err)
-        err = ls_lights_load(run->seq->lights, run->program, run->diag);
+        err = ls_lights_load(run->seq->lights, run->program, run->seq->abort, run->diag);
     if (!err)
         err = arm(run);
     run->progress_ns = ls_host_ns();

@@ -267,7 +267,7 @@ static enum ls_err load(struct ls_warm_up *warm_up, struct ls_diag *diag)
                                        .steps = steps,
                                        .n_steps = PULSES_MAX,
                                        .period_us = warm_up->period_us};
-    enum ls_err err = ls_lights_load(warm_up->lights, &program, diag);
+    enum ls_err err = ls_lights_load(warm_up->lights, &program, warm_up->abort, diag);
     return err ? err : ls_lights_arm(warm_up->lights, diag);
 }
 

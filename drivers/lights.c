@@ -52,10 +52,10 @@ const struct ls_lights_info *ls_lights_info(const struct ls_lights *lights)
 }
 
 enum ls_err ls_lights_load(struct ls_lights *lights, const struct ls_program *program,
-                           struct ls_diag *diag)
+                           const _Atomic bool *stop, struct ls_diag *diag)
 {
     enum ls_err err = ls_lights_test(&lights->info, program, diag);
-    return err ? err : lights->ops->load(lights->priv, program, diag);
+    return err ? err : lights->ops->load(lights->priv, program, stop, diag);
 }
 
 enum ls_err ls_lights_arm(struct ls_lights *lights, struct ls_diag *diag)

@@ -152,7 +152,8 @@ struct ls_lights_ops {
     const char *name;
     enum ls_err (*open)(const struct ls_lights_config *config, void **priv,
                         struct ls_lights_info *info, struct ls_diag *diag);
-    enum ls_err (*load)(void *priv, const struct ls_program *program, struct ls_diag *diag);
+    enum ls_err (*load)(void *priv, const struct ls_program *program, const _Atomic bool *stop,
+                        struct ls_diag *diag);
     enum ls_err (*arm)(void *priv, struct ls_diag *diag);
     enum ls_err (*grant)(void *priv, uint32_t n_steps, struct ls_diag *diag);
     enum ls_err (*poll)(void *priv, struct ls_lights_status *status, struct ls_step_event *events,
@@ -183,9 +184,9 @@ LS_MUST_CHECK enum ls_err ls_lights_test(const struct ls_lights_info *info,
  * plus LS_ERR_MISMATCH (CRC), LS_ERR_REFUSED (controller's own check, or a fault whose cause
  * persists), LS_ERR_STATE (armed: blank first), LS_ERR_TIMEOUT, LS_ERR_GONE. May take minutes:
  * returns once the controller reports ready, and gives up when its progress has stood still for
- * two minutes. */
+ * two minutes, or with LS_ERR_ABORTED soon after *@stop is set (NULL: never); blank then. */
 LS_MUST_CHECK enum ls_err ls_lights_load(struct ls_lights *lights, const struct ls_program *program,
-                                         struct ls_diag *diag);
+                                         const _Atomic bool *stop, struct ls_diag *diag);
 
 /** Reset step counter and event queue; nothing fires until granted. LS_ERR_STATE if nothing is
  * loaded, LS_ERR_REFUSED if a fault is latched. */

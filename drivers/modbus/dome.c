@@ -3,6 +3,7 @@
 #include "drivers/lights_image.h"
 #include "drivers/modbus/link.h"
 
+#include <stdatomic.h>
 #include <stdlib.h>
 #include <string.h>
 #include <time.h>
@@ -207,21 +208,21 @@ static void pause_ms(unsigned ms)
     nanosleep(&(struct timespec){.tv_sec = ms / 1000, .tv_nsec = ms % 1000 * 1000000L}, NULL);
 }
 
-static enum ls_err wait_ready(struct dome *dome, struct ls_diag *diag)
+/* until the controller is not getting ready any more, for this program or one given up before */
+static enum ls_err wait_prepared(struct dome *dome, const _Atomic bool *stop,
+                                 uint16_t status[LS_WIRE_STATUS_SIZE], struct ls_diag *diag)
 {
-    uint16_t status[LS_WIRE_STATUS_SIZE];
     uint16_t progress = 0;
     uint64_t moved_ns = host_ns();
     for (;;) {
         enum ls_err err = ensure(dome, diag);
         if (!err)
             err = read_status(dome, status, diag);
-        if (err)
+        if (err || status[LS_WIRE_ST_STATE] != LS_WIRE_PREPARING)
             return err;
-        if (status[LS_WIRE_ST_STATE] == LS_WIRE_LOADED)
-            return LS_OK;
-        if (status[LS_WIRE_ST_STATE] != LS_WIRE_PREPARING)
-            return ls_wire_refused(status, "preparing the program", diag);
+        if (stop && atomic_load(stop))
+            return ls_fail(diag, LS_ERR_ABORTED, "stopped while controller %s got ready",
+                           dome->info.serial);
         if (status[LS_WIRE_ST_PROGRESS] != progress)
             moved_ns = host_ns();
         progress = status[LS_WIRE_ST_PROGRESS];
@@ -233,11 +234,24 @@ static enum ls_err wait_ready(struct dome *dome, struct ls_diag *diag)
     }
 }
 
-static enum ls_err dome_load(void *priv, const struct ls_program *program, struct ls_diag *diag)
+static enum ls_err wait_ready(struct dome *dome, const _Atomic bool *stop, struct ls_diag *diag)
+{
+    uint16_t status[LS_WIRE_STATUS_SIZE];
+    enum ls_err err = wait_prepared(dome, stop, status, diag);
+    if (!err && status[LS_WIRE_ST_STATE] != LS_WIRE_LOADED)
+        err = ls_wire_refused(status, "preparing the program", diag);
+    return err;
+}
+
+static enum ls_err dome_load(void *priv, const struct ls_program *program,
+                             const _Atomic bool *stop, struct ls_diag *diag)
 {
     struct dome *dome = priv;
+    uint16_t status[LS_WIRE_STATUS_SIZE];
     dome->armed = false;
-    enum ls_err err = clear_faults(dome, diag);
+    enum ls_err err = wait_prepared(dome, stop, status, diag);
+    if (!err)
+        err = clear_faults(dome, diag);
     if (err)
         return err;
     LS_CLEANUP_FREE uint16_t *image = calloc(ls_image_registers(program), sizeof *image);
@@ -249,7 +263,7 @@ static enum ls_err dome_load(void *priv, const struct ls_program *program, struc
         err = announce(dome, program, image, n, diag);
     if (!err)
         err = command(dome, LS_WIRE_COMMIT, "committing the program", diag);
-    return err ? err : wait_ready(dome, diag);
+    return err ? err : wait_ready(dome, stop, diag);
 }
 
 static enum ls_err dome_arm(void *priv, struct ls_diag *diag)

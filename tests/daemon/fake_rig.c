@@ -225,7 +225,7 @@ const struct ls_lights_info *ls_lights_info(const struct ls_lights *lights)
 }
 
 enum ls_err ls_lights_load(struct ls_lights *lights, const struct ls_program *program,
-                           struct ls_diag *diag)
+                           const _Atomic bool *stop, struct ls_diag *diag)
 {
     struct fake_rig *rig = lights->rig;
     g_mutex_lock(&rig->lock);

@@ -19,6 +19,8 @@ static enum ls_err on_commit(void *user, const struct sim_condition *conditions,
             log->conditions[i].leds[k] = conditions[i].leds[k];
     }
     log->n_commits++;
+    while (log->hold_commit)
+        g_usleep(1000); /* a commit that takes long */
     return LS_OK;
 }
 

@@ -14,6 +14,7 @@ enum { DOME_PULSES = 8192, DOME_CONDITIONS = 1024, DOME_LEDS = 8 };
 
 /** Shared with the child, which appends. */
 struct dome_log {
+    _Atomic bool hold_commit; /* getting ready takes until this is cleared */
     _Atomic uint32_t n_pulses, n_releases, n_darks, n_commits;
     struct sim_pulse pulses[DOME_PULSES];
     uint64_t release_ns[DOME_PULSES];

@@ -48,7 +48,7 @@ static void must(enum ls_err err, const struct ls_diag *diag)
 static void load(struct ls_lights *lights, const struct ls_program *program)
 {
     struct ls_diag diag = {0};
-    must(ls_lights_load(lights, program, &diag), &diag);
+    must(ls_lights_load(lights, program, NULL, &diag), &diag);
 }
 
 static void arm(struct ls_lights *lights)
@@ -456,11 +456,11 @@ static void test_interlock(gconstpointer driver)
     g_assert_cmpint(ls_lights_grant(lights, 10, &diag), ==, LS_ERR_REFUSED);
     g_assert_cmpint(ls_lights_arm(lights, &diag), ==, LS_ERR_REFUSED);
     g_assert_nonnull(strstr(diag.text, "interlock"));
-    g_assert_cmpint(ls_lights_load(lights, &program, &diag), ==, LS_ERR_REFUSED); /* still open */
+    g_assert_cmpint(ls_lights_load(lights, &program, NULL, &diag), ==, LS_ERR_REFUSED); /* still open */
     enum ls_err err;
     gint64 limit = g_get_monotonic_time() + 5 * G_USEC_PER_SEC;
     do
-        err = ls_lights_load(lights, &program, &diag);
+        err = ls_lights_load(lights, &program, NULL, &diag);
     while (err == LS_ERR_REFUSED && g_get_monotonic_time() < limit);
     must(err, &diag);
     g_assert_cmpuint(dome.log->n_pulses, ==, 3);
@@ -546,7 +546,7 @@ static void test_stolen(gconstpointer driver)
     size_t n;
     load(mine, &program);
     arm(mine);
-    g_assert_cmpint(ls_lights_load(other, &program, &diag), ==, LS_ERR_STATE);
+    g_assert_cmpint(ls_lights_load(other, &program, NULL, &diag), ==, LS_ERR_STATE);
     must(ls_lights_blank(other, &diag), &diag);
     arm(other);
     g_assert_cmpint(ls_lights_poll(mine, &status, NULL, 0, &n, &diag), ==, LS_ERR_MISMATCH);
@@ -619,7 +619,7 @@ static void test_corrupted(gconstpointer driver)
     struct ls_step steps[200];
     struct ls_program program = small_program(steps, 200);
     struct ls_diag diag = {0};
-    g_assert_cmpint(ls_lights_load(lights, &program, &diag), ==, LS_ERR_MISMATCH);
+    g_assert_cmpint(ls_lights_load(lights, &program, NULL, &diag), ==, LS_ERR_MISMATCH);
     g_assert_nonnull(strstr(diag.text, "CRC"));
     g_assert_cmpint(ls_lights_arm(lights, &diag), ==, LS_ERR_STATE);
     load(lights, &program);
@@ -637,9 +637,28 @@ static void test_unprepared(gconstpointer driver)
     struct ls_step steps[4];
     struct ls_program program = small_program(steps, 4);
     struct ls_diag diag = {0};
-    g_assert_cmpint(ls_lights_load(lights, &program, &diag), ==, LS_ERR_REFUSED);
+    g_assert_cmpint(ls_lights_load(lights, &program, NULL, &diag), ==, LS_ERR_REFUSED);
     g_assert_nonnull(strstr(diag.text, "ready"));
     load(lights, &program);
+    ls_lights_close(lights);
+    dome_stop(&dome);
+}
+
+static void test_stopped_load(gconstpointer driver)
+{
+    struct sim_controller_config config = dome_small();
+    struct dome dome = dome_start(&config);
+    struct ls_lights *lights = open_dome(driver, &dome);
+    struct ls_step steps[4];
+    struct ls_program program = small_program(steps, 4);
+    struct ls_diag diag = {0};
+    _Atomic bool stop = true;
+    dome.log->hold_commit = true;
+    g_assert_cmpint(ls_lights_load(lights, &program, &stop, &diag), ==, LS_ERR_ABORTED);
+    must(ls_lights_blank(lights, &diag), &diag);
+    dome.log->hold_commit = false;
+    load(lights, &program); /* waits for the one given up, then loads */
+    g_assert_cmpuint(dome.log->n_commits, ==, 2);
     ls_lights_close(lights);
     dome_stop(&dome);
 }
@@ -831,6 +850,7 @@ int main(int argc, char **argv)
         {"a-controller-that-left-is-gone", test_killed},
         {"a-damaged-upload-is-caught", test_corrupted},
         {"a-controller-that-cannot-get-ready-refuses", test_unprepared},
+        {"a-load-can-be-given-up", test_stopped_load},
         {"overwritten-events-are-counted", test_overflow},
         {"a-take-of-346-lights-uploads-in-half-a-second", test_large},
         {"the-leds-show-what-was-asked", test_shown},

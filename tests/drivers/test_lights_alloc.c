@@ -60,7 +60,7 @@ static void test_poll_and_grant(void)
     enum ls_err err = ls_lights_open(&lc, &lights, NULL);
     g_assert_cmpint(err, ==, LS_OK);
     g_assert_cmpuint(allocations, >, before); /* the counter counts */
-    g_assert_cmpint(ls_lights_load(lights, &program, NULL), ==, LS_OK);
+    g_assert_cmpint(ls_lights_load(lights, &program, NULL, NULL), ==, LS_OK);
     g_assert_cmpint(ls_lights_arm(lights, NULL), ==, LS_OK);
     before = allocations;
     uint32_t have = 0;

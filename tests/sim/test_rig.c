@@ -190,7 +190,7 @@ static void fire(struct stage *s)
         steps[i] = (struct ls_step){i, 400 + 50u * i, 0, 0};
     }
     struct ls_program program = {conditions, LIGHTS + 1, steps, LIGHTS + 1, 20000};
-    must(ls_lights_load(s->lights, &program, &diag), &diag);
+    must(ls_lights_load(s->lights, &program, NULL, &diag), &diag);
     must(ls_lights_arm(s->lights, &diag), &diag);
     must(ls_lights_grant(s->lights, LIGHTS + 1, &diag), &diag);
 }
