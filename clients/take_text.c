@@ -3,6 +3,7 @@
 #include "clients/command.h"
 
 #include <stdio.h>
+#include <string.h>
 
 const char *ls_take_state_word(Lightstage__TakeState state)
 {
@@ -70,6 +71,6 @@ void ls_take_status_print(const Lightstage__TakeStatus *status)
                p->conditions_stored, p->conditions_planned, p->shots_lost, p->shots_repaired);
     if (status->report && status->report->repaired[0])
         printf("             repaired: %s\n", ls_clean(status->report->repaired));
-    if (status->message[0])
+    if (status->message[0] && strcmp(status->message, ls_take_state_word(status->state)) != 0)
         printf("             %s\n", ls_clean(status->message));
 }

@@ -233,8 +233,8 @@ static void make_pixels(struct made_take *take)
     GRand *random = g_rand_new_with_seed(7);
     for (int i = 0; i < TAKE_LIGHTS; i++)
         for (int p = 0; p < TAKE_PIXELS; p++)
-            take->light[i][p] = as_half(0.05 + 0.2 * (1 + sin(p * 0.01 * (i + 1))) +
-                                        g_rand_double_range(random, 0, 0.3));
+            take->light[i][p] = as_half(0.2 + 0.1 * (1 + sin(p * 0.01 * (i + 1))) +
+                                        g_rand_double_range(random, 0, 0.1));
     for (int p = 0; p < TAKE_PIXELS; p++) {
         double v = 0, ratio = 0.5 + 0.3 * sin((p % TAKE_W) * 0.05);
         for (int i = 0; i < TAKE_LIGHTS; i++)

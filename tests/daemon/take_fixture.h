@@ -4,7 +4,8 @@
  *
  * Seven lights, channels W, R and the polarised V, a Bayer camera of 150 x 140 pixels (three tiles
  * across and down, the last ones narrow). W is photographed light by light; W and R as full
- * spheres. What R's sphere shows is the white field under R's strengths times a smooth ratio.
+ * spheres. What R's sphere shows is the white field under R's strengths times a smooth ratio; light
+ * and contrast are such that the stable ratio is the plain one everywhere.
  */
 #ifndef LS_TESTS_DAEMON_TAKE_FIXTURE_H
 #define LS_TESTS_DAEMON_TAKE_FIXTURE_H
