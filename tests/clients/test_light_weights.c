@@ -1,0 +1,231 @@
+/* light_weights: environments whose weights are known, on a rig whose spectra are known. */
+#include "clients/light_weights.h"
+#include "tests/daemon/take_fixture.h"
+
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+static struct ls_take_document *a_document(bool calibrated)
+{
+    struct ls_calibration *cal = made_calibration();
+    struct ls_take_document *document = NULL;
+    struct ls_diag diag = {0};
+    char *text = take_json_text(calibrated ? cal : NULL);
+    enum ls_err err = ls_take_document_parse(text, strlen(text), &document, &diag);
+    g_assert_cmpstr(diag.text, ==, "");
+    g_assert_cmpint(err, ==, LS_OK);
+    ls_calibration_destroy(cal);
+    g_free(text);
+    return document;
+}
+
+/* One lobe, the same from everywhere, radiance 2, the spectrum of LED channel @channel. */
+static struct ls_environment_file lit_by_channel(int channel)
+{
+    struct ls_environment_file environment = {0};
+    GString *json = g_string_new("{\"format\": 1, \"lobes\": [{\"direction\": [0, 1, 0], "
+                                 "\"sharpness\": 0, \"radiance\": 2, \"spectrum\": "
+                                 "{\"wavelength_nm\": [380");
+    for (int i = 1; i < 81; i++)
+        g_string_append_printf(json, ", %d", 380 + 5 * i);
+    for (int i = 0; i < 81; i++)
+        g_string_append_printf(json, "%s%.9g", i ? ", " : "], \"value\": [",
+                               made_spectrum(channel, 380 + 5 * i));
+    g_string_append(json, "]}}]}");
+    g_assert_cmpint(ls_lobes_parse_json(json->str, json->len, &environment.lobes, NULL), ==, LS_OK);
+    g_string_free(json, TRUE);
+    return environment;
+}
+
+static struct ls_environment_file constant_map(float r, float g, float b)
+{
+    struct ls_environment_file environment = {0};
+    g_assert_cmpint(ls_image_init(&environment.image, 32, 16, 3, SIZE_MAX, NULL), ==, LS_OK);
+    for (int i = 0; i < 32 * 16; i++) {
+        environment.image.pixels[3 * i] = r;
+        environment.image.pixels[3 * i + 1] = g;
+        environment.image.pixels[3 * i + 2] = b;
+    }
+    environment.map = (struct ls_map){environment.image.pixels, 32, 16, LS_MAP_REC709_LINEAR};
+    return environment;
+}
+
+static struct ls_light_weights solve(const struct ls_take_document *document,
+                                     struct ls_environment_file *environment, bool tristimulus)
+{
+    struct ls_light_weights weights;
+    struct ls_diag diag = {0};
+    enum ls_err err =
+        ls_light_weights_make(document, environment, tristimulus, 0, &weights, &diag);
+    g_assert_cmpstr(diag.text, ==, "");
+    g_assert_cmpint(err, ==, LS_OK);
+    ls_environment_file_finish(environment);
+    return weights;
+}
+
+static void assert_row(const struct ls_light_weights *weights, uint32_t row, const double *omega,
+                       double radiance, double tolerance)
+{
+    for (uint32_t i = 0; i < weights->n_lights; i++)
+        g_assert_cmpfloat_with_epsilon((double)weights->rows[(size_t)row * weights->n_lights + i],
+                                       radiance * omega[i], tolerance);
+}
+
+/* The chart's L and P come from the same integrals, so the solve must find its own LED: exactly,
+ * but for the float storage of L and of the spectra (2^-24, amplified by the chart's condition). */
+static void light_of_an_led_is_made_with_that_led(void)
+{
+    struct ls_take_document *document = a_document(true);
+    for (int channel = 0; channel < 2; channel++) {
+        struct ls_environment_file environment = lit_by_channel(channel);
+        struct ls_light_weights weights = solve(document, &environment, false);
+        g_assert_cmpint(weights.mode, ==, LIGHTSTAGE__WEIGHT_MODE__SHARED);
+        g_assert_cmpuint(weights.n_names, ==, 2);
+        g_assert_cmpstr(weights.names[0], ==, "W");
+        g_assert_cmpstr(weights.names[1], ==, "R");
+        assert_row(&weights, (uint32_t)channel, document->omega_sr, 2, 1e-4);
+        assert_row(&weights, (uint32_t)!channel, document->omega_sr, 0, 1e-4);
+        ls_light_weights_finish(&weights);
+    }
+    ls_take_document_destroy(document);
+}
+
+/* Under light of the white LED the camera reads p(W, c): that, times Omega, is the baseline. */
+static void tristimulus_weights_are_the_cameras_reading(void)
+{
+    struct ls_take_document *document = a_document(true);
+    struct ls_environment_file environment = lit_by_channel(0);
+    struct ls_light_weights weights = solve(document, &environment, true);
+    g_assert_cmpint(weights.mode, ==, LIGHTSTAGE__WEIGHT_MODE__TRISTIMULUS);
+    for (uint32_t c = 0; c < 3; c++)
+        assert_row(&weights, c, document->omega_sr, 2 * (double)document->calibration->p[0][c],
+                   1e-4);
+    ls_light_weights_finish(&weights);
+    ls_take_document_destroy(document);
+}
+
+/* A map's RGB through M's inverse: M brings it back. */
+static void a_maps_tristimulus_weights_come_back_through_m(void)
+{
+    static const float rgb[3] = {0.8f, 0.5f, 0.3f};
+    struct ls_take_document *document = a_document(true);
+    struct ls_environment_file environment = constant_map(rgb[0], rgb[1], rgb[2]);
+    struct ls_light_weights weights = solve(document, &environment, true);
+    const double(*m)[3] = (const double(*)[3])document->calibration->m;
+    for (uint32_t i = 0; i < TAKE_LIGHTS; i++)
+        for (int r = 0; r < 3; r++) {
+            double back = 0;
+            for (int c = 0; c < 3; c++)
+                back += m[r][c] * (double)weights.rows[c * TAKE_LIGHTS + i];
+            g_assert_cmpfloat_with_epsilon(back, (double)rgb[r] * document->omega_sr[i], 1e-4);
+        }
+    ls_light_weights_finish(&weights);
+    ls_take_document_destroy(document);
+}
+
+/* Two LEDs cannot match a colour map exactly; but weights are linear in its brightness and not
+ * negative, and a constant map weights every light by its cell. */
+static void a_constant_map_weights_lights_by_their_cells(void)
+{
+    struct ls_take_document *document = a_document(true);
+    struct ls_environment_file dim = constant_map(1, 1, 1), bright = constant_map(3, 3, 3);
+    struct ls_light_weights a = solve(document, &dim, false), b = solve(document, &bright, false);
+    for (uint32_t r = 0; r < a.n_rows; r++)
+        for (uint32_t i = 0; i < TAKE_LIGHTS; i++) {
+            double w = (double)a.rows[r * TAKE_LIGHTS + i];
+            double first = (double)a.rows[r * TAKE_LIGHTS] / document->omega_sr[0];
+            g_assert_cmpfloat(w, >=, 0);
+            g_assert_cmpfloat_with_epsilon(w / document->omega_sr[i], first, 1e-3 * (first + 0.1));
+            g_assert_cmpfloat_with_epsilon((double)b.rows[r * TAKE_LIGHTS + i], 3 * w,
+                                           1e-4 * (3 * w + 0.1));
+        }
+    g_assert_cmpfloat(a.worst_residual, <, 0.5);
+    ls_light_weights_finish(&a);
+    ls_light_weights_finish(&b);
+    ls_take_document_destroy(document);
+}
+
+/* A warm map asks for more red LED than a cold one. */
+static void a_warm_map_asks_for_more_red(void)
+{
+    struct ls_take_document *document = a_document(true);
+    struct ls_environment_file warm = constant_map(1, 0.5f, 0.2f), cold = constant_map(0.4f, 0.6f, 1);
+    struct ls_light_weights a = solve(document, &warm, false), b = solve(document, &cold, false);
+    g_assert_cmpfloat((double)a.rows[TAKE_LIGHTS], >, 2 * (double)b.rows[TAKE_LIGHTS]);
+    ls_light_weights_finish(&a);
+    ls_light_weights_finish(&b);
+    ls_take_document_destroy(document);
+}
+
+static void without_a_calibration_the_maps_numbers_are_used(void)
+{
+    struct ls_take_document *document = a_document(false);
+    struct ls_environment_file environment = constant_map(1, 2, 3);
+    struct ls_light_weights weights = solve(document, &environment, false);
+    struct ls_diag diag = {0};
+    g_assert_cmpint(weights.mode, ==, LIGHTSTAGE__WEIGHT_MODE__TRISTIMULUS);
+    g_assert_nonnull(weights.warning);
+    for (uint32_t c = 0; c < 3; c++)
+        assert_row(&weights, c, document->omega_sr, 1 + c, 1e-5);
+    ls_light_weights_finish(&weights);
+    environment = lit_by_channel(0);
+    g_assert_cmpint(ls_light_weights_make(document, &environment, false, 0, &weights, &diag), ==,
+                    LS_ERR_UNSUPPORTED);
+    g_assert_nonnull(strstr(diag.text, "RGB map"));
+    ls_environment_file_finish(&environment);
+    ls_take_document_destroy(document);
+}
+
+/* A bright cap about the zenith lights from above only. */
+static void the_light_comes_from_where_the_map_has_it(void)
+{
+    struct ls_take_document *document = a_document(true);
+    struct ls_environment_file map = constant_map(0, 0, 0);
+    double above = 0, below = 0;
+    for (int i = 0; i < 32 * 4 * 3; i++)
+        map.image.pixels[i] = 1; /* v < 1/4: within 45 degrees of up */
+    struct ls_light_weights weights = solve(document, &map, true);
+    for (uint32_t i = 0; i < TAKE_LIGHTS; i++)
+        *(document->direction[i][1] > 0 ? &above : &below) +=
+            (double)weights.rows[TAKE_LIGHTS + i];
+    g_assert_cmpfloat(above, >, 0);
+    g_assert_cmpfloat(below, ==, 0);
+    ls_light_weights_finish(&weights);
+    ls_take_document_destroy(document);
+}
+
+static void damaged_documents_are_refused_by_key(void)
+{
+    static const char *const texts[] = {"", "[]", "{}", "{\"rig\": 5}",
+                                        "{\"rig\": {\"lights\": {\"position_m\": [[0,0,0]]}}}",
+                                        "{\"rig\": {\"lights\": {\"position_m\": [[1,\"x\"]]}}}"};
+    for (size_t i = 0; i < G_N_ELEMENTS(texts); i++) {
+        struct ls_take_document *document = NULL;
+        struct ls_diag diag = {0};
+        g_assert_cmpint(ls_take_document_parse(texts[i], strlen(texts[i]), &document, &diag), ==,
+                        LS_ERR_INVALID);
+        g_assert_nonnull(strstr(diag.text, "take.json"));
+    }
+}
+
+int main(int argc, char **argv)
+{
+    g_test_init(&argc, &argv, NULL);
+    g_test_add_func("/light-weights/light-of-an-led-is-made-with-that-led",
+                    light_of_an_led_is_made_with_that_led);
+    g_test_add_func("/light-weights/tristimulus-weights-are-the-cameras-reading",
+                    tristimulus_weights_are_the_cameras_reading);
+    g_test_add_func("/light-weights/a-maps-tristimulus-weights-come-back-through-m",
+                    a_maps_tristimulus_weights_come_back_through_m);
+    g_test_add_func("/light-weights/a-constant-map-weights-lights-by-their-cells",
+                    a_constant_map_weights_lights_by_their_cells);
+    g_test_add_func("/light-weights/a-warm-map-asks-for-more-red", a_warm_map_asks_for_more_red);
+    g_test_add_func("/light-weights/without-a-calibration-the-maps-numbers-are-used",
+                    without_a_calibration_the_maps_numbers_are_used);
+    g_test_add_func("/light-weights/light-comes-from-where-the-map-has-it",
+                    the_light_comes_from_where_the_map_has_it);
+    g_test_add_func("/take-document/damaged-ones-are-refused-by-key",
+                    damaged_documents_are_refused_by_key);
+    return g_test_run();
+}
