@@ -30,13 +30,11 @@ struct job {
     _Atomic int failed;
 };
 
-void sim_tile_factors(const struct sim_tile *tile, const struct sim_response *r, enum ls_cfa cfa,
-                      uint32_t source, int colour, float *a, float *b)
+void sim_tile_factors(const struct sim_tile *tile, const struct sim_response *r, uint32_t source,
+                      int colour, float *a, float *b)
 {
     for (uint32_t k = 0; k < tile->n; k++) {
-        uint32_t c = colour >= 0 ? (uint32_t)colour
-                                 : ls_cfa_channel(cfa, tile->x + k % tile->width,
-                                                  tile->y + k / tile->width);
+        uint32_t c = colour >= 0 ? (uint32_t)colour : tile->colour[k];
         a[k] = sim_response_of(r, source, c, tile->material[k]);
         b[k] = sim_response_of(r, source, c, SIM_MAT_FLAT);
     }
@@ -56,12 +54,10 @@ void sim_tile_add(const struct sim_terms *terms, enum sim_channel_kind kind, flo
 }
 
 void sim_tile_bounce(const struct sim_tile *tile, const float *nodes, uint32_t n_colours,
-                     enum ls_cfa cfa, int colour, float *out)
+                     int colour, float *out)
 {
     for (uint32_t k = 0; k < tile->n; k++) {
-        uint32_t c = colour >= 0 ? (uint32_t)colour
-                                 : ls_cfa_channel(cfa, tile->x + k % tile->width,
-                                                  tile->y + k / tile->width);
+        uint32_t c = colour >= 0 ? (uint32_t)colour : tile->colour[k];
         const uint32_t *node = tile->node[k];
         const float *share = tile->share[k];
         out[k] += (share[0] * nodes[node[0] * n_colours + c] +
@@ -78,7 +74,7 @@ static void store(const struct job *job, const struct sim_tile *tile, uint32_t p
     if (scene->subject.n_nodes && tile->n_seen)
         sim_tile_bounce(tile, job->nodes + (size_t)picture * scene->subject.n_nodes *
                                                scene->colours[job->camera],
-                        scene->colours[job->camera], scene->view[job->camera].cfa, -1, value);
+                        scene->colours[job->camera], -1, value);
     for (uint32_t k = 0; k < tile->n; k++)
         value[k] = fminf(value[k] * sim_picture_scale, LS_HALF_MAX);
     uint16_t *image = job->pictures[picture]->half[job->camera];
@@ -126,8 +122,7 @@ static void render_tile(const struct job *job, struct scratch *s, uint32_t index
     uint32_t h = view->height - y < SIM_TILE ? view->height - y : SIM_TILE;
     sim_tile_prepare(&scene->subject, view, x, y, w, h, &s->tile);
     for (uint32_t c = 0; c < scene->config.n_channels; c++)
-        sim_tile_factors(&s->tile, &scene->response[job->camera], view->cfa, c, -1, s->a[c],
-                         s->b[c]);
+        sim_tile_factors(&s->tile, &scene->response[job->camera], c, -1, s->a[c], s->b[c]);
     memset(s->slots, 0, job->n_slots * sizeof *s->slots);
     for (uint32_t i = 0; i < scene->geometry.n_lights; i++)
         light_tile(job, s, i);

@@ -69,7 +69,6 @@ static void prepare_pixel(const struct sim_subject *subject, const struct sim_vi
     tile->n_seen++;
     tile->material[k] = surface->material;
     tile->body[k] = surface->body;
-    tile->finish[k] = (uint8_t)surface->finish;
     tile->has_specular |= surface->finish != SIM_MATTE;
     tile->point[k] = pixel->x;
     tile->normal[k] = pixel->normal;
@@ -93,8 +92,9 @@ void sim_tile_prepare(const struct sim_subject *subject, const struct sim_view *
     tile->camera_up = view->up;
     memset(tile->material, 0, sizeof tile->material);
     for (uint32_t k = 0; k < tile->n; k++) {
-        size_t at = (size_t)(y + k / width) * view->width + x + k % width;
-        prepare_pixel(subject, view, &view->pixels[at], tile, k);
+        uint32_t px = x + k % width, py = y + k / width;
+        tile->colour[k] = (uint8_t)ls_cfa_channel(view->cfa, px, py);
+        prepare_pixel(subject, view, &view->pixels[(size_t)py * view->width + px], tile, k);
     }
     if (tile->n_seen)
         bound_points(tile);

@@ -30,7 +30,7 @@ struct sim_tile {
     uint32_t n_seen;              /* pixels that see a surface */
     int has_specular;
     uint16_t surface[SIM_TILE_PX], material[SIM_TILE_PX], body[SIM_TILE_PX];
-    uint8_t finish[SIM_TILE_PX];
+    uint8_t colour[SIM_TILE_PX]; /* the camera channel of the mosaic's pixel */
     struct sim_vec point[SIM_TILE_PX], normal[SIM_TILE_PX], view[SIM_TILE_PX];
     float weave[SIM_TILE_PX], coat_out[SIM_TILE_PX];
     uint32_t node[SIM_TILE_PX][4]; /* bounce nodes around the pixel ... */

@@ -6,11 +6,11 @@
 #include <stdlib.h>
 #include <string.h>
 
+/* A part of the radiance that is wanted beside the whole. */
 enum part {
-    PART_DIFFUSE = 1, /* direct */
-    PART_SPECULAR = 2,
-    PART_BOUNCED = 4,
-    PART_ALL = 7,
+    PART_NONE,
+    PART_SPECULAR,
+    PART_BOUNCED,
 };
 
 /* Sums over lights and sources: out[picture][y][x][colour] += weight x radiance. */
@@ -20,8 +20,8 @@ struct sums {
     const struct sim_response *response;
     const float *weights; /* [picture][source][light] */
     uint32_t n_pictures;
-    unsigned parts; /* of picture 0; the others have all */
-    float *out;
+    enum part part;
+    float *out, *some; /* of the whole, of the part */
     float *nodes; /* [picture][node * colours] */
     uint32_t tiles_x, n_tiles;
     _Atomic uint32_t next_tile;
@@ -33,8 +33,8 @@ uint32_t sim_truth_colours(const struct sim_scene *scene, uint32_t camera)
     return scene->colours[camera];
 }
 
-static enum ls_err check(const struct sim_scene *scene, const struct sim_region *r,
-                         struct ls_diag *diag)
+enum ls_err sim_truth_check(const struct sim_scene *scene, const struct sim_region *r,
+                            struct ls_diag *diag)
 {
     if (scene->kind == SIM_WORLD_STAMP)
         return ls_fail(diag, LS_ERR_UNSUPPORTED, "the stamp scene has no truth but its stamps");
@@ -60,7 +60,7 @@ static void bounce_sums(struct sums *s)
 {
     const struct sim_scene *scene = s->scene;
     size_t size = (size_t)scene->subject.n_nodes * s->response->n_colours;
-    for (uint32_t p = !(s->parts & PART_BOUNCED); size && p < s->n_pictures; p++)
+    for (uint32_t p = 0; size && p < s->n_pictures; p++)
         for (uint32_t k = 0; k < s->response->n_sources; k++)
             for (uint32_t i = 0; i < scene->geometry.n_lights; i++) {
                 float w = weight_of(s, p, k, i);
@@ -74,41 +74,47 @@ struct scratch {
     struct sim_tile tile;
     struct sim_terms terms;
     float a[SIM_MAX_CHANNELS][3][SIM_TILE_PX], b[SIM_MAX_CHANNELS][3][SIM_TILE_PX];
-    float sum[][3][SIM_TILE_PX];
+    float (*sum)[3][SIM_TILE_PX], (*some)[3][SIM_TILE_PX]; /* [picture] */
+    float room[][3][SIM_TILE_PX];
 };
-
-static void keep_parts(struct sim_terms *terms, unsigned parts)
-{
-    if (!(parts & PART_DIFFUSE))
-        memset(terms->diffuse, 0, sizeof terms->diffuse);
-    if (!(parts & PART_SPECULAR))
-        memset(terms->specular, 0, sizeof terms->specular);
-}
 
 static void add_light(const struct sums *s, struct scratch *t, uint32_t light)
 {
     int shaded = 0;
     const struct sim_response *r = s->response;
-    for (uint32_t p = s->n_pictures; p-- > 0;) {
-        if (shaded && p == 0)
-            keep_parts(&t->terms, s->parts);
+    for (uint32_t p = 0; p < s->n_pictures; p++)
         for (uint32_t k = 0; k < r->n_sources; k++) {
             float w = weight_of(s, p, k, light);
             if (w == 0)
                 continue;
-            if (!shaded++) {
-                sim_tile_shade(&s->scene->subject, &s->scene->geometry, &t->tile, light, &t->terms);
-                if (p == 0)
-                    keep_parts(&t->terms, s->parts);
-            }
-            for (uint32_t c = 0; c < r->n_colours; c++)
+            if (!shaded++ && !sim_tile_shade(&s->scene->subject, &s->scene->geometry, &t->tile,
+                                             light, &t->terms))
+                return;
+            for (uint32_t c = 0; c < r->n_colours; c++) {
                 sim_tile_add(&t->terms, r->kind[k], r->diffuse[k], t->a[k][c], t->b[k][c], w,
                              t->sum[p][c]);
+                if (s->part == PART_SPECULAR && t->tile.has_specular)
+                    sim_tile_add(&t->terms, r->kind[k], 0, t->a[k][c], t->b[k][c], w,
+                                 t->some[p][c]);
+            }
         }
-    }
 }
 
-static void write_tile(const struct sums *s, const struct scratch *t)
+static void add_bounce(const struct sums *s, struct scratch *t)
+{
+    uint32_t colours = s->response->n_colours;
+    size_t nodes = (size_t)s->scene->subject.n_nodes * colours;
+    for (uint32_t p = 0; nodes && p < s->n_pictures; p++)
+        for (uint32_t c = 0; c < colours; c++) {
+            const float *at = s->nodes + p * nodes;
+            sim_tile_bounce(&t->tile, at, colours, (int)c, t->sum[p][c]);
+            if (s->part == PART_BOUNCED)
+                sim_tile_bounce(&t->tile, at, colours, (int)c, t->some[p][c]);
+        }
+}
+
+static void write_tile(const struct sums *s, const struct scratch *t,
+                       const float (*sum)[3][SIM_TILE_PX], float *pictures)
 {
     const struct sim_region *r = s->region;
     uint32_t colours = s->response->n_colours;
@@ -116,9 +122,9 @@ static void write_tile(const struct sums *s, const struct scratch *t)
         for (uint32_t k = 0; k < t->tile.n; k++) {
             uint32_t x = t->tile.x - r->x + k % t->tile.width;
             uint32_t y = t->tile.y - r->y + k / t->tile.width;
-            float *out = s->out + (((size_t)p * r->height + y) * r->width + x) * colours;
+            float *out = pictures + (((size_t)p * r->height + y) * r->width + x) * colours;
             for (uint32_t c = 0; c < colours; c++)
-                out[c] += t->sum[p][c][k];
+                out[c] += sum[p][c][k];
         }
 }
 
@@ -136,25 +142,27 @@ static void sum_tile(const struct sums *s, struct scratch *t, uint32_t index)
     uint32_t colours = s->response->n_colours;
     for (uint32_t k = 0; k < s->response->n_sources; k++)
         for (uint32_t c = 0; c < colours; c++)
-            sim_tile_factors(&t->tile, s->response, view->cfa, k, (int)c, t->a[k][c], t->b[k][c]);
-    memset(t->sum, 0, s->n_pictures * sizeof *t->sum);
+            sim_tile_factors(&t->tile, s->response, k, (int)c, t->a[k][c], t->b[k][c]);
+    memset(t->room, 0, 2 * s->n_pictures * sizeof *t->room);
     for (uint32_t i = 0; i < scene->geometry.n_lights; i++)
         add_light(s, t, i);
-    size_t nodes = (size_t)scene->subject.n_nodes * colours;
-    for (uint32_t p = !(s->parts & PART_BOUNCED); nodes && p < s->n_pictures; p++)
-        for (uint32_t c = 0; c < colours; c++)
-            sim_tile_bounce(&t->tile, s->nodes + p * nodes, colours, view->cfa, (int)c,
-                            t->sum[p][c]);
-    write_tile(s, t);
+    add_bounce(s, t);
+    write_tile(s, t, t->sum, s->out);
+    if (s->part)
+        write_tile(s, t, t->some, s->some);
 }
 
 static void *take_tiles(void *arg)
 {
     struct sums *s = arg;
-    LS_CLEANUP_FREE struct scratch *t = malloc(sizeof *t + s->n_pictures * sizeof *t->sum);
+    LS_CLEANUP_FREE struct scratch *t = malloc(sizeof *t + 2 * s->n_pictures * sizeof *t->room);
     uint32_t tile;
     if (!t)
         s->failed = 1;
+    else {
+        t->sum = t->room;
+        t->some = t->room + s->n_pictures;
+    }
     while (t && (tile = s->next_tile++) < s->n_tiles)
         sum_tile(s, t, tile);
     return NULL;
@@ -207,21 +215,26 @@ static size_t region_values(const struct sim_scene *scene, const struct sim_regi
     return (size_t)r->width * r->height * scene->colours[r->camera];
 }
 
+/* @some: a part of the same pictures, or NULL. */
 static enum ls_err relight(const struct sim_scene *scene, const struct sim_region *region,
-                           const float *weights, uint32_t n_pictures, unsigned parts, float *out,
-                           struct ls_diag *diag)
+                           const float *weights, uint32_t n_pictures, float *out, enum part part,
+                           float *some, struct ls_diag *diag)
 {
-    enum ls_err err = check(scene, region, diag);
+    enum ls_err err = sim_truth_check(scene, region, diag);
     if (err)
         return err;
-    memset(out, 0, n_pictures * region_values(scene, region) * sizeof *out);
+    size_t n = n_pictures * region_values(scene, region);
+    memset(out, 0, n * sizeof *out);
+    if (some)
+        memset(some, 0, n * sizeof *some);
     struct sums s = {.scene = scene,
                      .region = region,
                      .response = &scene->response[region->camera],
                      .weights = weights,
                      .n_pictures = n_pictures,
-                     .parts = parts,
-                     .out = out};
+                     .part = part,
+                     .out = out,
+                     .some = some};
     return sum_up(&s, diag);
 }
 
@@ -229,7 +242,7 @@ enum ls_err sim_truth_relight(const struct sim_scene *scene, const struct sim_re
                               const float *weights, uint32_t n_pictures, float *out,
                               struct ls_diag *diag)
 {
-    return relight(scene, region, weights, n_pictures, PART_ALL, out, diag);
+    return relight(scene, region, weights, n_pictures, out, PART_NONE, NULL, diag);
 }
 
 static float *new_weights(const struct sim_scene *scene, uint32_t n_pictures)
@@ -249,7 +262,7 @@ enum ls_err sim_truth_field(const struct sim_scene *scene, const struct sim_regi
         return ls_fail(diag, LS_ERR_NOMEM, "out of memory for weights");
     for (uint32_t s = 0; s < n; s++)
         weights[((size_t)s * n + s) * lights + light] = 1;
-    return relight(scene, region, weights, n, PART_ALL, out, diag);
+    return relight(scene, region, weights, n, out, PART_NONE, NULL, diag);
 }
 
 /* ---- environments ---- */
@@ -291,7 +304,6 @@ static enum ls_err add_lobes(const struct sim_scene *scene, const struct sim_reg
                      .response = &response,
                      .weights = weights,
                      .n_pictures = 1,
-                     .parts = PART_ALL,
                      .out = out};
     err = sum_up(&s, diag);
     sim_response_finish(&response);
@@ -302,7 +314,7 @@ enum ls_err sim_truth_environment(const struct sim_scene *scene, const struct si
                                   const struct ls_lobes *lobes, uint32_t n_directions, float *out,
                                   struct ls_diag *diag)
 {
-    enum ls_err err = check(scene, region, diag);
+    enum ls_err err = sim_truth_check(scene, region, diag);
     if (err)
         return err;
     if (scene->kind == SIM_WORLD_REPLAY)
@@ -319,29 +331,27 @@ enum ls_err sim_truth_environment(const struct sim_scene *scene, const struct si
 
 /* share[pixel] = part / total; @colour, or the largest over colours if negative. */
 static enum ls_err share(const struct sim_scene *scene, const struct sim_region *region,
-                         const float *weights, unsigned part, int colour, float *out,
+                         const float *weights, enum part part, int colour, float *out,
                          struct ls_diag *diag)
 {
-    enum ls_err err = check(scene, region, diag);
+    enum ls_err err = sim_truth_check(scene, region, diag);
     if (err)
         return err;
     size_t n = region_values(scene, region);
-    size_t row = (size_t)scene->config.n_channels * scene->geometry.n_lights;
     uint32_t colours = scene->colours[region->camera];
-    LS_CLEANUP_FREE float *both = malloc(2 * n * sizeof *both);
-    LS_CLEANUP_FREE float *twice = malloc(2 * row * sizeof *twice);
-    if (!both || !twice)
+    LS_CLEANUP_FREE float *some = malloc(n * sizeof *some);
+    LS_CLEANUP_FREE float *all = malloc(n * sizeof *all);
+    if (!some || !all)
         return ls_fail(diag, LS_ERR_NOMEM, "out of memory for a mask");
-    memcpy(twice, weights, row * sizeof *twice);
-    memcpy(twice + row, weights, row * sizeof *twice);
-    if ((err = relight(scene, region, twice, 2, part, both, diag)))
+    err = relight(scene, region, weights, 1, all, part, some, diag);
+    if (err)
         return err;
     for (size_t i = 0; i < n / colours; i++) {
         out[i] = 0;
         for (uint32_t c = 0; c < colours; c++) {
-            float some = both[i * colours + c], all = both[n + i * colours + c];
-            if (all > 0 && (colour < 0 || (uint32_t)colour == c))
-                out[i] = fmaxf(out[i], some / all);
+            size_t at = i * colours + c;
+            if (all[at] > 0 && (colour < 0 || (uint32_t)colour == c))
+                out[i] = fmaxf(out[i], some[at] / all[at]);
         }
     }
     return LS_OK;

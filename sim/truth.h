@@ -23,6 +23,10 @@ struct sim_region {
     uint32_t camera, x, y, width, height;
 };
 
+/** Is it a region of a scene that has a truth? LS_ERR_INVALID, LS_ERR_UNSUPPORTED (stamp). */
+LS_MUST_CHECK enum ls_err sim_truth_check(const struct sim_scene *scene,
+                                          const struct sim_region *region, struct ls_diag *diag);
+
 /** Camera channels of a camera: 3, or 1 for mono. */
 uint32_t sim_truth_colours(const struct sim_scene *scene, uint32_t camera);
 

@@ -69,7 +69,7 @@ float sim_world_weight(const struct sim_scene *scene, const struct sim_led *led,
 /** Factors A (material) and B (flat) of sim_tile_shade's terms for a source at every pixel of a
  * tile; @colour: camera channel, or -1 for each pixel's own of the mosaic. */
 void sim_tile_factors(const struct sim_tile *tile, const struct sim_response *response,
-                      enum ls_cfa cfa, uint32_t source, int colour, float *a, float *b);
+                      uint32_t source, int colour, float *a, float *b);
 
 /** out[k] += weight x radiance without bounce; @kind and @diffuse of the source. */
 void sim_tile_add(const struct sim_terms *terms, enum sim_channel_kind kind, float diffuse,
@@ -77,7 +77,7 @@ void sim_tile_add(const struct sim_terms *terms, enum sim_channel_kind kind, flo
 
 /** out[k] += bounced radiance, from node values [node * n_colours + colour]. */
 void sim_tile_bounce(const struct sim_tile *tile, const float *nodes, uint32_t n_colours,
-                     enum ls_cfa cfa, int colour, float *out);
+                     int colour, float *out);
 
 /** Render pictures of one camera (their half[camera] is allocated). (sim/render.c) */
 LS_MUST_CHECK enum ls_err sim_render(const struct sim_scene *scene, uint32_t camera,

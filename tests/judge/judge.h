@@ -1,6 +1,6 @@
 /*
  * judge: a take, and pictures relit from it, compared with what the simulator knows to be true.
- * Layer: tests. Threads: one caller; field_errors runs two of its own. Ownership: the caller owns
+ * Layer: tests. Threads: one caller; judge_field_errors runs two of its own. Ownership: the caller owns
  * every struct; scene, source and lobes are (transfer none).
  *
  * "Promoted" is Eq. 1 on the take; "true" is the noise-free field through the same mosaic and
@@ -39,9 +39,9 @@ struct judge_field_errors {
     double black_mean_sigma;    /* velvet under a constant map, channel W; in predicted sigmas */
 };
 
-/** The stored value of a picture's pixel. */
-float judge_stored(const struct ls_field *field, const struct ls_picture *picture, uint32_t x,
-                   uint32_t y);
+/** The stored values of a picture over a window, out[height][width]; 0 where no tile is stored. */
+void judge_load(const struct ls_field *field, const struct ls_picture *picture,
+                const struct ls_demosaic_region *window, float *out);
 
 /** One sweep over lights and rows. Errors: LS_ERR_STATE (a spectrum lacks its sphere, a light its
  * picture), LS_ERR_INVALID (take and scene differ in size), LS_ERR_NOMEM. */
@@ -54,12 +54,16 @@ LS_MUST_CHECK enum ls_err judge_field_errors(const struct judge *judge,
 LS_MUST_CHECK enum ls_err judge_true_picture(const struct judge *judge, struct ls_image *image,
                                              struct ls_diag *diag);
 
+/** Share of specular light in the environment's picture, [height][width]; the highlight mask is
+ * > 0.5. */
+LS_MUST_CHECK enum ls_err judge_specular_share(const struct judge *judge, float *share,
+                                               struct ls_diag *diag);
+
 /** Relative RMS in percent of @relit (camera RGB, unit of R) against @truth, outside the highlight
- * mask (specular > 50 % of the true picture). LS_ERR_INVALID: sizes differ. */
-LS_MUST_CHECK enum ls_err judge_picture_error(const struct judge *judge,
-                                              const struct ls_image *relit,
-                                              const struct ls_image *truth, double *percent,
-                                              struct ls_diag *diag);
+ * mask of @share. LS_ERR_INVALID: sizes differ. */
+LS_MUST_CHECK enum ls_err judge_picture_error(const struct ls_image *relit,
+                                              const struct ls_image *truth, const float *share,
+                                              double *percent, struct ls_diag *diag);
 
 /** Tickets joined to the simulator's log of what was truly shown. */
 struct judge_labels {

@@ -187,24 +187,33 @@ static enum ls_err read_exr(const char *path, struct ls_image *image, struct ls_
     return err ? err : ls_exr_read(bytes, length, NULL, FILE_MAX_BYTES, image, NULL, diag);
 }
 
-static enum ls_err judge_pictures(struct bench *b, struct ls_diag *diag)
+static enum ls_err judge_picture(struct bench *b, const char *path, const float *share,
+                                 struct ls_image *image, const char *key, struct ls_diag *diag)
 {
     double error;
+    enum ls_err err = read_exr(path, image, diag);
+    if (!err)
+        err = judge_picture_error(image, &b->truth, share, &error, diag);
+    if (!err)
+        put(b, key, error);
+    return err;
+}
+
+static enum ls_err judge_pictures(struct bench *b, struct ls_diag *diag)
+{
     enum ls_err err = judge_true_picture(&b->judge, &b->truth, diag);
-    if (!err && b->o.relit) {
-        err = read_exr(b->o.relit, &b->relit, diag);
-        if (!err)
-            err = judge_picture_error(&b->judge, &b->relit, &b->truth, &error, diag);
-        if (!err)
-            put(b, "relight_error_percent", error);
-    }
-    if (!err && b->o.tristimulus) {
-        err = read_exr(b->o.tristimulus, &b->tristimulus, diag);
-        if (!err)
-            err = judge_picture_error(&b->judge, &b->tristimulus, &b->truth, &error, diag);
-        if (!err)
-            put(b, "tristimulus_error_percent", error);
-    }
+    if (err)
+        return err;
+    size_t n = (size_t)b->truth.width * b->truth.height;
+    LS_CLEANUP_FREE float *share = calloc(n, sizeof *share);
+    if (!share)
+        return ls_fail(diag, LS_ERR_NOMEM, "out of memory for a mask");
+    err = judge_specular_share(&b->judge, share, diag);
+    if (!err && b->o.relit)
+        err = judge_picture(b, b->o.relit, share, &b->relit, "relight_error_percent", diag);
+    if (!err && b->o.tristimulus)
+        err = judge_picture(b, b->o.tristimulus, share, &b->tristimulus,
+                            "tristimulus_error_percent", diag);
     return err;
 }
 

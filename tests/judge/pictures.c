@@ -14,26 +14,29 @@ static struct sim_region whole(const struct judge *judge)
                                 judge->source->height };
 }
 
-/* RGB at every pixel -> mosaic -> RGB, as the camera and the take have it. */
-static enum ls_err through_mosaic(const struct ls_field *f, struct ls_image *image,
-                                  struct ls_diag *diag)
+static enum ls_err demosaic(const struct ls_field *f, const float *mosaic, struct ls_image *image)
 {
-    float *mosaic = malloc((size_t)f->width * f->height * sizeof *mosaic);
-    if (!mosaic)
-        return ls_fail(diag, LS_ERR_NOMEM, "out of memory");
-    for (uint32_t y = 0; y < f->height; y++)
-        for (uint32_t x = 0; x < f->width; x++) {
-            size_t j = (size_t)y * f->width + x;
-            mosaic[j] = image->pixels[3 * j + ls_cfa_channel(f->cfa, x, y)];
-        }
     const struct ls_demosaic_region all = { 0, 0, f->width, f->height };
     const struct ls_demosaic_source source = { mosaic, f->width, all, f->width, f->height, f->cfa };
     const struct ls_demosaic_target target = {
         { image->pixels, image->pixels + 1, image->pixels + 2 }, 3, 3 * (size_t)f->width
     };
-    enum ls_err err = ls_demosaic(&source, all, LS_DEMOSAIC_GRADIENT, &target);
-    free(mosaic);
-    return err;
+    return ls_demosaic(&source, all, LS_DEMOSAIC_GRADIENT, &target);
+}
+
+/* RGB at every pixel -> mosaic -> RGB, as the camera and the take have it. */
+static enum ls_err through_mosaic(const struct ls_field *f, struct ls_image *image,
+                                  struct ls_diag *diag)
+{
+    LS_CLEANUP_FREE float *mosaic = malloc((size_t)f->width * f->height * sizeof *mosaic);
+    if (!mosaic)
+        return ls_fail(diag, LS_ERR_NOMEM, "out of memory for a mosaic");
+    for (uint32_t y = 0; y < f->height; y++)
+        for (uint32_t x = 0; x < f->width; x++) {
+            size_t j = (size_t)y * f->width + x;
+            mosaic[j] = image->pixels[3 * j + ls_cfa_channel(f->cfa, x, y)];
+        }
+    return demosaic(f, mosaic, image);
 }
 
 enum ls_err judge_true_picture(const struct judge *judge, struct ls_image *image,
@@ -56,7 +59,7 @@ enum ls_err judge_true_picture(const struct judge *judge, struct ls_image *image
 }
 
 /* The environment's mean radiance through channel W: good enough to say where highlights are. */
-static enum ls_err specular_share(const struct judge *judge, float *share, struct ls_diag *diag)
+enum ls_err judge_specular_share(const struct judge *judge, float *share, struct ls_diag *diag)
 {
     const struct ls_field *f = &judge->source->field;
     const struct sim_region region = whole(judge);
@@ -77,40 +80,38 @@ static enum ls_err specular_share(const struct judge *judge, float *share, struc
     return err;
 }
 
-enum ls_err judge_picture_error(const struct judge *judge, const struct ls_image *relit,
-                                const struct ls_image *truth, double *percent, struct ls_diag *diag)
+enum ls_err judge_picture_error(const struct ls_image *relit, const struct ls_image *truth,
+                                const float *share, double *percent, struct ls_diag *diag)
 {
     if (relit->width != truth->width || relit->height != truth->height || relit->n_channels != 3)
         return ls_fail(diag, LS_ERR_INVALID, "relit picture is %ux%ux%u, the truth %ux%ux3",
                        relit->width, relit->height, relit->n_channels, truth->width, truth->height);
     size_t n = (size_t)truth->width * truth->height;
-    float *share = calloc(n, sizeof *share);
-    enum ls_err err = share ? specular_share(judge, share, diag) : LS_ERR_NOMEM;
     double difference = 0, total = 0;
-    for (size_t j = 0; j < n && !err; j++) {
+    for (size_t j = 0; j < n; j++)
         for (int c = 0; c < JUDGE_COLOURS && !(share[j] > 0.5f); c++) {
             double d = (double)relit->pixels[3 * j + c] - truth->pixels[3 * j + c];
             difference += d * d;
             total += (double)truth->pixels[3 * j + c] * truth->pixels[3 * j + c];
         }
-    }
-    free(share);
-    if (!err)
-        *percent = 100 * sqrt(difference / total);
-    return err;
+    *percent = 100 * sqrt(difference / total);
+    return LS_OK;
 }
 
 /* A mapped mosaic as RGB. */
 static enum ls_err view(const struct ls_field *f, const struct ls_picture *picture,
                         struct ls_image *out, struct ls_diag *diag)
 {
+    const struct ls_demosaic_region all = { 0, 0, f->width, f->height };
+    LS_CLEANUP_FREE float *mosaic = malloc((size_t)f->width * f->height * sizeof *mosaic);
+    if (!mosaic)
+        return ls_fail(diag, LS_ERR_NOMEM, "out of memory for a mosaic");
     enum ls_err err = ls_image_init(out, f->width, f->height, JUDGE_COLOURS, IMAGE_LIMIT_BYTES,
                                     diag);
-    for (uint32_t y = 0; y < f->height && !err; y++)
-        for (uint32_t x = 0; x < f->width; x++)
-            out->pixels[3 * ((size_t)y * f->width + x) + ls_cfa_channel(f->cfa, x, y)] =
-                judge_stored(f, picture, x, y);
-    return err ? err : through_mosaic(f, out, diag);
+    if (err)
+        return err;
+    judge_load(f, picture, &all, mosaic);
+    return demosaic(f, mosaic, out);
 }
 
 /* The light whose direction is closest to camera-left, above, in front. */
