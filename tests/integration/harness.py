@@ -28,6 +28,9 @@ conditions = ( { kind = "sphere"; channels = ["W", "R", "A", "G", "C", "B"]; },
 """
 
 
+STANDING = []  # rigs of the test that runs: whatever it does, they are ended after it
+
+
 class Skip(Exception):
     pass
 
@@ -53,7 +56,8 @@ def twelve(folder, faults="", **options):
     simulator = options.pop("simulator_extra", "")
     if faults:
         simulator += f"faults = ( {faults} );"
-    return stage.Rig(BUILD, folder, simulator_extra=simulator, **options)
+    STANDING.append(stage.Rig(BUILD, folder, simulator_extra=simulator, **options))
+    return STANDING[-1]
 
 
 def wait_for(sentence, true, seconds=60):
@@ -92,6 +96,8 @@ def run(name, test, number):
     began = time.monotonic()
     try:
         test(folder)
+        complaints = [c for rig in STANDING for c in rig.stop()]
+        assert not complaints, complaints
         print(f"ok {number} - {name} # {time.monotonic() - began:.1f} s".replace(" # ", " - "))
         return True
     except Skip as skip:
@@ -107,6 +113,9 @@ def run(name, test, number):
         print(f"not ok {number} - {name}")
         return False
     finally:
+        for rig in STANDING:
+            rig.stop()
+        STANDING.clear()
         sys.stdout.flush()
         shutil.rmtree(folder, ignore_errors=True)
 

@@ -1,0 +1,220 @@
+"""Verbs about takes: start and follow them, read what they left, judge whether frames are theirs."""
+import array
+import json
+import os
+import re
+import signal
+import subprocess
+
+import harness
+from harness import stage
+
+FULL_SCALE_DN = 4095
+GRID, RECORD_BYTES = 16, 28  # of a stamp: sim/stamp.h
+# Warm-up spends five pulses; then come 24 darks, then six spheres and twelve lights, three
+# exposures each: a pulse's number since the start of the simulator is
+WARM_UP, DARKS, LIGHTS = 5, 24, 54
+FIRST_DARK, FIRST_LIGHT, LAST = WARM_UP + 1, WARM_UP + DARKS + 1, WARM_UP + DARKS + LIGHTS
+# The same on a single exposure, many lights: enough time to interfere.
+LONG = """subject = "still";
+exposures_us = [500, 2500, 12500];
+darks = 8;
+keep_raw = true;
+conditions = ( { kind = "each"; channels = ["W", "R", "G", "B"]; } );
+"""
+KEEP_RAW = harness.PLAN + "keep_raw = true;\n"
+
+
+# ---- crc32c, as the journal writes it ----
+
+def _table():
+    out = []
+    for n in range(256):
+        for _ in range(8):
+            n = n >> 1 ^ (0x82f63b78 if n & 1 else 0)
+        out.append(n)
+    return out
+
+
+_TABLE = _table()
+
+
+def crc32c(data):
+    crc = 0xffffffff
+    for byte in data:
+        crc = crc >> 8 ^ _TABLE[(crc ^ byte) & 0xff]
+    return crc ^ 0xffffffff
+
+
+# ---- the client ----
+
+def ctl(rig, *arguments):
+    return [rig.program("clients/lightstagectl"), "--socket", rig.path("socket"), *arguments]
+
+
+def ask(rig, *arguments, seconds=120):
+    """Run the client to its end: (exit code, standard output, standard error)."""
+    done = subprocess.run(ctl(rig, *arguments), stdout=subprocess.PIPE, stderr=subprocess.PIPE,
+                          stdin=subprocess.DEVNULL, text=True, timeout=seconds)
+    return done.returncode, done.stdout, done.stderr
+
+
+def plan_file(rig, text):
+    path = rig.path("plan.conf")
+    stage.write(path, text)
+    return path
+
+
+def photograph(rig, plan=KEEP_RAW, name="take", token=None):
+    """A take to its end, however that is: (exit code, status object or None, standard error)."""
+    extra = ("--token", token) if token else ()
+    code, out, err = ask(rig, "take", "start", "--name", name, "--plan", plan_file(rig, plan),
+                         "--json", *extra)
+    return code, json.loads(out) if out.strip() else None, err
+
+
+def resume(rig, take):
+    code, out, err = ask(rig, "take", "resume", take, "--json")
+    return code, json.loads(out) if out.strip() else None, err
+
+
+def begin(rig, plan=KEEP_RAW, name="take", token="begun", wait=False):
+    """A client that starts a take, as a process of its own; with wait=False it has come back."""
+    options = () if wait else ("--no-wait",)
+    client = subprocess.Popen(
+        ctl(rig, "take", "start", "--name", name, "--token", token, "--plan",
+            plan_file(rig, plan), "--json", *options),
+        stdout=subprocess.PIPE, stderr=subprocess.PIPE, stdin=subprocess.DEVNULL, text=True,
+        preexec_fn=stage.die_with_parent)
+    if not wait:
+        out, err = client.communicate(timeout=60)
+        assert client.returncode == 0, err
+        return json.loads(out)["id"]
+    return client
+
+
+def ended(rig, token="begun"):
+    """Follow the take of a token to its end: the same command again never fires twice."""
+    code, status, err = photograph(rig, token=token)
+    assert status, err
+    return code, status
+
+
+def fire(rig, number):
+    """Wait until the simulator has exposed so many frames since its start."""
+    harness.wait_for(f"{number} pulses fired", lambda: exposures(rig) >= number)
+
+
+def exposures(rig):
+    path = rig.path("shown.jsonl")
+    return stage.read(path).count("\n") if os.path.exists(path) else 0
+
+
+# ---- what a take left ----
+
+def folder(rig, take):
+    return rig.path(os.path.join("takes", take))
+
+
+def files(rig, take):
+    """Every published picture's bytes by its name."""
+    out = {}
+    for record in published(rig, take):
+        with open(os.path.join(folder(rig, take), record["file"]), "rb") as file:
+            out[record["file"]] = file.read()
+    return out
+
+
+def records(rig, take, kind):
+    """The journal's whole records of a kind, checked; a killed writer may leave half a last one."""
+    with open(os.path.join(folder(rig, take), "journal"), "rb") as file:
+        lines = file.read().split(b"\n")[:-1]
+    whole = [l[9:] for l in lines if l[:8] == b"%08x" % crc32c(l[9:])]
+    assert len(whole) >= len(lines) - 1, "the journal is damaged before its end"
+    return [r for r in map(json.loads, whole) if r["k"] == kind]
+
+
+def published(rig, take):
+    return records(rig, take, "published")
+
+
+def alarms(rig, take):
+    return [r["text"] for r in records(rig, take, "alarm")]
+
+
+def document(rig, take):
+    return rig.ask("take", "show", take)["take"]
+
+
+# ---- judging ----
+
+def stamp(path):
+    """What was truly in force, out of a raw frame's pixels; None if it cannot be read."""
+    with open(path, "rb") as file:
+        dn = array.array("H", file.read())
+    width = int(len(dn) ** 0.5)
+    block = width // GRID
+    margin = block // 4
+    side = block - 2 * margin
+    limit = 0.45 * FULL_SCALE_DN * side * side  # between a dark block's 0.2 and a light one's 0.7
+    found = bytearray(GRID * GRID // 8)
+    for bit in range(GRID * GRID):
+        x, y = bit % GRID * block + margin, bit // GRID * block + margin
+        lit = sum(sum(dn[(y + j) * width + x:(y + j) * width + x + side]) for j in range(side))
+        found[bit // 8] |= (lit > limit) << bit % 8
+
+    def at(offset, size):
+        return int.from_bytes(found[offset:offset + size], "little")
+    if at(RECORD_BYTES, 4) != crc32c(found[:RECORD_BYTES]):
+        return None
+    return {"kind": ("dark", "one", "sphere", "segment")[at(0, 2)], "light": at(4, 2),
+            "channel": at(6, 1), "exposure_us": at(16, 4) / 100}
+
+
+def mislabeled_pixels(rig, take, channels="WRAGCBVH"):
+    """Shots whose kept pixels show something else than the take says they do."""
+    plan = document(rig, take)["plan"]["conditions"]
+    latest = {t["shot"]: t for t in records(rig, take, "ticket") if t["status"] == "ok"}
+    wrong = []
+    for shot, ticket in latest.items():
+        seen = stamp(os.path.join(folder(rig, take), "cam0", "raw",
+                                  f"{shot}-{ticket['attempt']}.raw"))
+        asked = plan[ticket["condition"]]
+        light = int(asked["id"].split("-")[1]) if asked["kind"] == "one" else None
+        # a tenth of a permille and 1 us: the controller's clock drifts, and counts whole us
+        near = 1 + 1e-4 * ticket["exposure_used_us"]
+        right = (seen and seen["kind"] == asked["kind"] and
+                 (asked["kind"] == "dark" or channels[seen["channel"]] == asked["channel"]) and
+                 (light is None or seen["light"] == light) and
+                 abs(seen["exposure_us"] - ticket["exposure_used_us"]) < near)
+        if not right:
+            wrong.append((shot, asked["id"], seen))
+    return wrong
+
+
+def is_good(rig, take, pixels=True):
+    """The take is whole, its files are sound, and every frame is the frame it says it is."""
+    code, out, err = ask(rig, "take", "verify", take)
+    assert code == 0, out + err
+    judged = rig.judge(take)
+    assert judged["shots_lost"] == 0, judged
+    assert judged["frames_mislabeled"] == 0, judged
+    if pixels:
+        wrong = mislabeled_pixels(rig, take)
+        assert not wrong, f"{len(wrong)} frames show something else, first {wrong[0]}"
+    states = {t["id"]: t["state"] for t in rig.takes()}
+    assert states[take] == "complete", states
+    return judged
+
+
+def lights_status(rig):
+    return rig.ask("status")["lights"]
+
+
+def interrupt(client):
+    client.send_signal(signal.SIGINT)
+
+
+def says(text, *words):
+    for word in words:
+        assert re.search(word, text), f"\"{text}\" does not say \"{word}\""

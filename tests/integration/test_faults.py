@@ -1,0 +1,148 @@
+#!/usr/bin/python3 -B
+"""What can go wrong on a rig, one fault a test: the take ends complete, says what it repaired, and
+no frame is taken for another."""
+import harness
+import takes
+
+
+def repaired(folder, faults, shots=None, words=()):
+    """A take with these faults ends complete, and the journal says what was repaired."""
+    rig = harness.twelve(folder, faults, scene="stamp").start()
+    code, status, err = takes.photograph(rig)
+    assert code == 0 and status["state"] == "complete", (err, status)
+    judged = takes.is_good(rig, status["id"])
+    alarms = takes.alarms(rig, status["id"])
+    if shots is not None:
+        assert judged["shots_repaired"] == shots == status["shots_repaired"], (judged, status)
+    if words:
+        assert alarms, "the journal says nothing"
+        takes.says(alarms[0], "repair pass 1 of 3", *words)
+        takes.says(status["message"], "complete; repaired: ")
+    return rig, status, judged, alarms
+
+
+def test_a_dropped_pulse_is_noticed_and_shot_again(folder):
+    rig, status, _, _ = repaired(folder, f'{{ kind = "drop_pulse"; at = {takes.FIRST_LIGHT + 20}; }}',
+                                 words=("no frame",))
+    assert len(harness.shown(rig, "dropped_pulse")) == 1
+    # step 20 of the lights is the last exposure of the first single light: sphere R A G C B after W
+    takes.says(status["message"], "W-0000 ")
+
+
+def test_a_dropped_pulse_of_a_dark_is_shot_again(folder):
+    repaired(folder, f'{{ kind = "drop_pulse"; at = {takes.FIRST_DARK + 3}; }}',
+             words=("no frame",))
+
+
+def test_a_lost_frame_is_shot_again(folder):
+    rig, _, _, _ = repaired(folder, f'{{ kind = "lose_frame"; at = {takes.FIRST_LIGHT + 20}; }}',
+                            words=("steps are shot again",))
+    assert len(harness.shown(rig, "lost_frame")) == 1
+
+
+def test_a_lost_last_frame_is_noticed_and_shot_again(folder):
+    rig, status, _, _ = repaired(folder, f'{{ kind = "lose_frame"; at = {takes.LAST}; }}', shots=1,
+                                 words=("1 steps",))
+    lost = harness.shown(rig, "lost_frame")
+    assert [e["step"] for e in lost] == [takes.LIGHTS - 1], lost
+    takes.says(status["message"], r"W-0011 \(1 shot\)")
+
+
+def test_a_dropped_last_pulse_is_noticed_and_shot_again(folder):
+    rig, status, _, _ = repaired(folder, f'{{ kind = "drop_pulse"; at = {takes.LAST}; }}', shots=1,
+                                 words=("1 steps", "no frame"))
+    assert [e["step"] for e in harness.shown(rig, "dropped_pulse")] == [takes.LIGHTS - 1]
+    takes.says(status["message"], r"W-0011 \(1 shot\)")
+
+
+def test_a_run_of_lost_frames_and_dropped_pulses_is_shot_again(folder):
+    repaired(folder, f'{{ kind = "lose_frame"; at = {takes.FIRST_LIGHT + 6}; count = 4; }}, '
+                     f'{{ kind = "drop_pulse"; at = {takes.FIRST_LIGHT + 10}; count = 3; }}',
+             words=("steps are shot again",))
+
+
+def test_one_percent_of_packets_lost_is_made_good_by_resend(folder):
+    # packets of 1500 bytes: 22 a frame, 1800 a take, so 18 are lost; none can be by chance 1e-8
+    rig = harness.twelve(folder, '{ kind = "packet_loss"; value = 0.01; seed = 7; }',
+                         scene="stamp", packet_size=1500).start()
+    code, status, err = takes.photograph(rig)
+    assert code == 0 and status["state"] == "complete", (err, status)
+    takes.is_good(rig, status["id"])
+
+
+def test_a_late_and_a_duplicate_frame_are_taken_for_no_other(folder):
+    # 60 ms: four frames later, and within the time a frame is waited for
+    repaired(folder, f'{{ kind = "late_frame"; at = {takes.FIRST_LIGHT + 9}; value = 60; }}, '
+                     f'{{ kind = "duplicate_frame"; at = {takes.FIRST_LIGHT + 30}; count = 3; }}')
+
+
+def test_a_controller_that_pauses_is_waited_for(folder):
+    repaired(folder, '{ kind = "stall"; at = 30; value = 1500; }', shots=0)
+
+
+def test_a_controller_whose_connections_break_is_reconnected_to(folder):
+    repaired(folder, '{ kind = "disconnect"; at = 30; }', shots=0)
+
+
+def test_an_open_interlock_leaves_the_lights_dark_and_a_resumable_take(folder):
+    rig = harness.twelve(folder, '{ kind = "interlock"; at = 30; value = 1000; }',
+                         scene="stamp").start()
+    code, status, err = takes.photograph(rig)
+    assert code == 1 and status["state"] == "failed", (code, status, err)
+    takes.says(status["message"], "interlock open", "resume the take")
+    lit = [e for e in harness.shown(rig) if e["kind"] != "dark"]
+    assert max(e["step"] for e in lit) == 29, "lit after the interlock opened"
+    lights = takes.lights_status(rig)
+    assert lights["state"] != "armed", lights
+    harness.wait_for("the interlock is closed again", lambda: resumed(rig, status["id"]))
+    takes.is_good(rig, status["id"])
+
+
+def resumed(rig, take):
+    code, status, err = takes.resume(rig, take)
+    if code == 0:
+        return True
+    assert "interlock" in (status["message"] if status else err), (status, err)
+    return False
+
+
+def test_a_controller_that_dies_ends_the_take_with_a_sentence_and_a_resumable_take(folder):
+    # 6 s of silence: longer than the five timeouts a request may take on the way to a verdict
+    rig = harness.twelve(folder, '{ kind = "dead"; at = 30; value = 6000; }', scene="stamp",
+                         timeout_ms=500).start()
+    code, status, err = takes.photograph(rig)
+    assert code == 1 and status["state"] == "failed", (code, status, err)
+    takes.says(status["message"], "controller")
+    fired = takes.exposures(rig)
+    harness.wait_for("the controller answers again",
+                     lambda: takes.lights_status(rig)["connected"])
+    assert takes.exposures(rig) == fired, "it went on firing"
+    code, status, err = takes.resume(rig, status["id"])
+    assert code == 0, (status, err)
+    takes.is_good(rig, status["id"])
+
+
+def test_a_camera_that_falls_silent_ends_the_take_with_its_shots_named(folder):
+    rig = harness.twelve(folder, f'{{ kind = "silent"; at = {takes.FIRST_LIGHT + 40}; }}',
+                         daemon_extra="retries = 1;").start()
+    code, status, err = takes.photograph(rig, harness.PLAN)
+    assert code == 1 and status["state"] == "incomplete", (code, status, err)
+    takes.says(status["message"], "conditions missing after every repair", "resume")
+    takes.says(takes.alarms(rig, status["id"])[-1], "missing: cam0/W-0011 after 2 passes")
+    code, out, err = takes.ask(rig, "take", "verify", status["id"])
+    assert code == 1, (code, out, err)
+
+
+def test_a_camera_that_reboots_ends_the_take_and_resume_completes_it(folder):
+    rig = harness.twelve(folder, f'{{ kind = "reboot"; at = {takes.FIRST_LIGHT + 20}; }}',
+                         scene="stamp").start()
+    code, status, err = takes.photograph(rig)
+    if code:
+        takes.says(status["message"], "camera", "resume")
+        code, status, err = takes.resume(rig, status["id"])
+    assert code == 0, (status, err)
+    takes.is_good(rig, status["id"])
+
+
+if __name__ == "__main__":
+    harness.main(globals())

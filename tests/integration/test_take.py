@@ -1,0 +1,71 @@
+#!/usr/bin/python3 -B
+"""A take of twelve lights by the real daemon, from the command to the pixels."""
+import json
+import os
+
+import harness
+import takes
+
+
+def test_a_take_is_complete_and_every_frame_is_the_frame_it_says_it_is(folder):
+    rig = harness.twelve(folder, scene="stamp").start()
+    code, status, err = takes.photograph(rig)
+    assert code == 0 and status["state"] == "complete", err
+    judged = takes.is_good(rig, status["id"])
+    assert judged["shots_planned"] == judged["shots_stored"] == takes.DARKS + takes.LIGHTS, judged
+    assert judged["shots_repaired"] == 0 and not takes.alarms(rig, status["id"]), judged
+    assert status["message"] == "complete", status
+
+
+def test_a_ticket_corrupted_on_purpose_is_counted_as_exactly_one(folder):
+    rig = harness.twelve(folder, scene="stamp").start()
+    code, status, err = takes.photograph(rig, harness.PLAN)
+    assert code == 0, err
+    path = os.path.join(takes.folder(rig, status["id"]), "journal")
+    with open(path, "rb") as file:
+        lines = file.read().split(b"\n")
+    tickets = [k for k, line in enumerate(lines) if b'"k":"ticket"' in line]
+    lit = [k for k in tickets if json.loads(lines[k][9:])["step"] >= takes.DARKS]
+    # the exposure of a light that another light's frame is claimed to be
+    mine, other = (json.loads(lines[k][9:]) for k in (lit[0], lit[-1]))
+    mine["camera_ns"], mine["frame_id"] = other["camera_ns"], other["frame_id"]
+    text = json.dumps(mine, separators=(",", ":")).encode()
+    lines[lit[0]] = b"%08x %s" % (takes.crc32c(text), text)
+    with open(path, "wb") as file:
+        file.write(b"\n".join(lines))
+    judged = rig.judge(status["id"])
+    assert judged["frames_mislabeled"] == 1, judged
+    assert judged["shots_stored"] == takes.DARKS + takes.LIGHTS, judged
+
+
+def test_a_journal_line_damaged_before_the_end_is_named_by_verify(folder):
+    rig = harness.twelve(folder).start()
+    code, status, err = takes.photograph(rig, harness.PLAN)
+    assert code == 0, err
+    path = os.path.join(takes.folder(rig, status["id"]), "journal")
+    with open(path, "r+b") as file:
+        file.seek(40)
+        file.write(b"x")
+    code, out, err = takes.ask(rig, "take", "verify", status["id"])
+    assert code == 7, (code, out, err)
+    takes.says(err, "line 1")
+
+
+def test_a_picture_damaged_on_disk_is_found_by_verify(folder):
+    rig = harness.twelve(folder).start()
+    code, status, err = takes.photograph(rig, harness.PLAN)
+    assert code == 0, err
+    name = takes.published(rig, status["id"])[-1]["file"]
+    path = os.path.join(takes.folder(rig, status["id"]), name)
+    with open(path, "r+b") as file:
+        file.seek(os.path.getsize(path) - 100)
+        byte = file.read(1)
+        file.seek(-1, os.SEEK_CUR)
+        file.write(bytes([byte[0] ^ 1]))
+    code, out, err = takes.ask(rig, "take", "verify", status["id"])
+    assert code == 1, (code, out, err)
+    takes.says(out, "1 damaged", name)
+
+
+if __name__ == "__main__":
+    harness.main(globals())
