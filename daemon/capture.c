@@ -47,6 +47,7 @@ struct ls_capture {
     uint8_t *wanted;         /* per plan step */
     uint32_t *first_attempt; /* per shot, of a resumed take */
     uint32_t steps_planned, conditions_planned;
+    struct ls_camera_stats stats[LS_MAX_CAMERAS]; /* of stopped cameras */
     _Atomic uint32_t lost;
     _Atomic bool abort;
     struct rate *rate;
@@ -302,7 +303,7 @@ static void wind_down(struct ls_capture *c)
     ls_merge_stage_stop(c->merge);
     for (uint32_t i = 0; i < c->n_cameras; i++) {
         if (c->started[i])
-            ls_camera_stop(c->setup.cameras[i], NULL);
+            ls_camera_stop(c->setup.cameras[i], &c->stats[i]);
         c->started[i] = false;
     }
 }
@@ -460,6 +461,35 @@ static enum ls_err name_missing(struct ls_capture *c, struct ls_diag *diag)
     return LS_OK;
 }
 
+static void list_repaired(const struct ls_capture *c, char *text, size_t size)
+{
+    text[0] = 0;
+    for (uint32_t i = 0; i < c->setup.plan->n_conditions; i++)
+        if (ls_merge_stage_repaired(c->merge, i))
+            append(text, size, c->setup.plan->conditions[i].id,
+                   ls_merge_stage_repaired(c->merge, i));
+}
+
+/* What was made good on the way, by another shot or by the network. */
+static enum ls_err name_repaired(struct ls_capture *c, struct ls_diag *diag)
+{
+    char repaired[256], text[320];
+    enum ls_err err = LS_OK;
+    list_repaired(c, repaired, sizeof repaired);
+    if (repaired[0]) {
+        snprintf(text, sizeof text, "repaired: %s", repaired);
+        err = ls_store_alarm(c->setup.store, text, diag);
+    }
+    for (uint32_t i = 0; i < c->n_cameras && !err; i++) {
+        if (!c->stats[i].resent_packets)
+            continue;
+        snprintf(text, sizeof text, "camera %.64s: %llu packets were lost and sent again",
+                 config_of(c, i)->name, (unsigned long long)c->stats[i].resent_packets);
+        err = ls_store_alarm(c->setup.store, text, diag);
+    }
+    return err;
+}
+
 static void fill_report(struct ls_capture *c, struct ls_capture_report *report)
 {
     double squares = 0;
@@ -474,10 +504,7 @@ static void fill_report(struct ls_capture *c, struct ls_capture_report *report)
     }
     report->missing_conditions = count_missing(c);
     report->residual_rms_us = n ? sqrt(squares / (double)n) : 0;
-    for (uint32_t i = 0; i < c->setup.plan->n_conditions; i++)
-        if (ls_merge_stage_repaired(c->merge, i))
-            append(report->repaired, sizeof report->repaired, c->setup.plan->conditions[i].id,
-                   ls_merge_stage_repaired(c->merge, i));
+    list_repaired(c, report->repaired, sizeof report->repaired);
     ls_capture_progress(c, &report->final);
     struct ls_merge_stage_counts counts;
     ls_merge_stage_counts(c->merge, &counts);
@@ -516,6 +543,8 @@ static enum ls_err close_books(struct ls_capture *c, enum ls_err err, struct ls_
 {
     struct ls_diag why = {{0}};
     enum ls_err closing = err ? LS_OK : name_missing(c, &why);
+    if (!closing && !err)
+        closing = name_repaired(c, &why);
     if (!closing)
         closing = ls_store_flush(c->setup.store, &why);
     if (!err && closing)

@@ -43,7 +43,7 @@ struct sim_camera_faults {
     uint32_t late_ms;
     double packet_loss;    /* probability that a stream packet is lost, resent ones too */
     uint64_t seed;         /* of packet_loss */
-    uint64_t silent_pulse; /* from this pulse on it answers and sends nothing; 0 = never */
+    uint64_t silent_pulse; /* from this pulse on it neither answers nor sends; 0 = never */
     uint64_t reboot_pulse; /* at this pulse control and acquisition are lost; 0 = never */
 };
 

@@ -93,11 +93,12 @@ class Rig:
 
     def __init__(self, build, folder, size=512, scene="stilllife", channels="WRAGCBVH",
                  scene_extra="", camera_extra="", simulator_extra="", daemon_extra="",
-                 rig_camera_extra="", cfa="RG", pixel_format="BayerRG12", calibrated=True):
+                 rig_camera_extra="", cfa="RG", pixel_format="BayerRG12", calibrated=True,
+                 packet_size=9000, timeout_ms=2000):
         self.build, self.folder = build, folder
         self.size, self.channels, self.pixel_format = size, channels, pixel_format
         self.daemon_extra, self.rig_camera_extra = daemon_extra, rig_camera_extra
-        self.calibrated = calibrated
+        self.calibrated, self.packet_size, self.timeout_ms = calibrated, packet_size, timeout_ms
         self.camera = loopback()
         self.dome = self.daemon = None
         write(self.path("sim.conf"), f"""
@@ -148,7 +149,7 @@ socket = "socket";
 rig = "rig.conf";
 {calibration}
 controller = {{ driver = "modbus"; address = "127.0.0.1"; port = {self.dome.ready['modbus_port']};
-               timeout_ms = 2000; }};
+               timeout_ms = {self.timeout_ms}; }};
 {self.daemon_extra}
 """)
         channels = ", ".join('{ name = "%s"; kind = "%s"; }' %
@@ -159,7 +160,7 @@ lights = {{ positions = "positions.csv"; axes = "right,up,towards"; unit = "m"; 
 channels = ( {channels} );
 cameras = ( {{ name = "front"; address = "{self.camera}";
     width = {self.size}; height = {self.size};
-    pixel_format = "{self.pixel_format}"; packet_size = 9000; max_fps = 72;
+    pixel_format = "{self.pixel_format}"; packet_size = {self.packet_size}; max_fps = 72;
     position_m = [0.0, 0.0, 1.6]; look_at_m = [0.0, 0.0, 0.0]; focal_length_mm = 50;
     sensor_mm = [{SENSOR_MM}, {SENSOR_MM}]; range = [0.10, 0.85];
     black_dn = {constants['black_dn']}; full_scale_dn = {constants['full_scale_dn']};
