@@ -49,6 +49,12 @@ def need(program):
     return path
 
 
+def rig_of(folder, **options):
+    """Any rig, not started."""
+    STANDING.append(stage.Rig(BUILD, folder, **options))
+    return STANDING[-1]
+
+
 def twelve(folder, faults="", **options):
     """A rig of twelve lights and a camera of 128 x 128, not started."""
     options.setdefault("scene_extra", "lights = 12;")
@@ -56,8 +62,7 @@ def twelve(folder, faults="", **options):
     simulator = options.pop("simulator_extra", "")
     if faults:
         simulator += f"faults = ( {faults} );"
-    STANDING.append(stage.Rig(BUILD, folder, simulator_extra=simulator, **options))
-    return STANDING[-1]
+    return rig_of(folder, simulator_extra=simulator, **options)
 
 
 def wait_for(sentence, true, seconds=60):
