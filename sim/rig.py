@@ -29,7 +29,8 @@ def call(*command, quiet=True, timeout=CALL_SECONDS):
                           stderr=subprocess.PIPE if quiet else None, text=True, timeout=timeout,
                           stdin=subprocess.DEVNULL)
     if done.returncode:
-        words = (done.stderr or "").strip() or f"exited with {done.returncode}"
+        words = ((done.stderr or "").strip() or "\n".join((done.stdout or "").splitlines()[-10:])
+                 or f"exited with {done.returncode}")
         raise Failed(f"{os.path.basename(command[0])}: {words}", done.returncode)
     return done.stdout
 
