@@ -232,7 +232,10 @@ static enum ls_err connect_camera(struct aravis *a, struct ls_diag *diag)
         return ls_fail(diag, LS_ERR_UNSUPPORTED, "camera %s: not a GigE Vision camera",
                        a->address);
     if (!arv_gv_device_is_controller(ARV_GV_DEVICE(device)))
-        return ls_fail(diag, LS_ERR_BUSY, "camera %s: another program controls it", a->address);
+        return ls_fail(diag, LS_ERR_BUSY,
+                       "camera %s: another program controls it; if that one has died the camera "
+                       "lets go of it by its heartbeat, within seconds: try again",
+                       a->address);
     g_signal_connect(device, "control-lost", G_CALLBACK(on_control_lost), a);
     return LS_OK;
 }

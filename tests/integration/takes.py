@@ -78,6 +78,19 @@ def resume(rig, take):
     return code, json.loads(out) if out.strip() else None, err
 
 
+def resume_freed(rig, take):
+    """Resume after the daemon was killed: a camera lets go of a dead host by its own heartbeat."""
+    outcome = []
+
+    def is_free():
+        outcome[:] = [resume(rig, take)]
+        busy = "another program controls it" in outcome[0][2]
+        assert not busy or (outcome[0][0] == 5 and "try again" in outcome[0][2]), outcome
+        return not busy
+    harness.wait_for("the camera is free", is_free)
+    return outcome[0]
+
+
 def begin(rig, plan=KEEP_RAW, name="take", token="begun", wait=False):
     """A client that starts a take, as a process of its own; with wait=False it has come back."""
     options = () if wait else ("--no-wait",)
