@@ -76,7 +76,7 @@ static void store(const struct job *job, const struct sim_tile *tile, uint32_t p
                                                scene->colours[job->camera],
                         scene->colours[job->camera], -1, value);
     for (uint32_t k = 0; k < tile->n; k++)
-        value[k] = fminf(value[k] * sim_picture_scale, LS_HALF_MAX);
+        value[k] = sim_min(value[k] * sim_picture_scale, LS_HALF_MAX);
     uint16_t *image = job->pictures[picture]->half[job->camera];
     for (uint32_t row = 0; row < tile->height; row++)
         ls_half_from_floats(value + row * tile->width,

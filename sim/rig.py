@@ -13,6 +13,8 @@ ROOT = os.path.dirname(os.path.dirname(os.path.abspath(__file__)))
 STOP_SECONDS = 30
 CALL_SECONDS = 3600
 SENSOR_MM = 11.26
+MAX_FPS = 72
+READOUT_PX_PER_S = 36e6  # what the simulated sensor makes and two cores can take in, with room
 
 
 class Failed(Exception):
@@ -100,6 +102,7 @@ class Rig:
         self.size, self.channels, self.pixel_format = size, channels, pixel_format
         self.daemon_extra, self.rig_camera_extra = daemon_extra, rig_camera_extra
         self.calibrated, self.packet_size, self.timeout_ms = calibrated, packet_size, timeout_ms
+        self.max_fps = min(MAX_FPS, READOUT_PX_PER_S / size ** 2)
         self.camera = loopback()
         self.dome = self.daemon = None
         write(self.path("sim.conf"), f"""
@@ -161,7 +164,7 @@ lights = {{ positions = "positions.csv"; axes = "right,up,towards"; unit = "m"; 
 channels = ( {channels} );
 cameras = ( {{ name = "front"; address = "{self.camera}";
     width = {self.size}; height = {self.size};
-    pixel_format = "{self.pixel_format}"; packet_size = {self.packet_size}; max_fps = 72;
+    pixel_format = "{self.pixel_format}"; packet_size = {self.packet_size}; max_fps = {self.max_fps:.2f};
     position_m = [0.0, 0.0, 1.6]; look_at_m = [0.0, 0.0, 0.0]; focal_length_mm = 50;
     sensor_mm = [{SENSOR_MM}, {SENSOR_MM}]; range = [0.10, 0.85];
     black_dn = {constants['black_dn']}; full_scale_dn = {constants['full_scale_dn']};

@@ -30,8 +30,8 @@ static void find_nodes(const struct sim_surface *surface, const struct sim_pixel
     memset(share, 0, 4 * sizeof *share);
     if (!surface->nodes_u)
         return;
-    float u = fmaxf(0, fminf(pixel->u * surface->nodes_u - 0.5f, (float)surface->nodes_u - 1));
-    float v = fmaxf(0, fminf(pixel->v * surface->nodes_v - 0.5f, (float)surface->nodes_v - 1));
+    float u = sim_max(0, sim_min(pixel->u * surface->nodes_u - 0.5f, (float)surface->nodes_u - 1));
+    float v = sim_max(0, sim_min(pixel->v * surface->nodes_v - 0.5f, (float)surface->nodes_v - 1));
     uint32_t i = (uint32_t)u, j = (uint32_t)v;
     uint32_t right = i + 1 < surface->nodes_u, up = j + 1 < surface->nodes_v;
     float fu = u - (float)i, fv = v - (float)j;
@@ -49,8 +49,8 @@ static void bound_points(struct sim_tile *tile)
         if (tile->surface[k] == SIM_NO_SURFACE)
             continue;
         struct sim_vec p = tile->point[k];
-        lo = (struct sim_vec){fminf(lo.x, p.x), fminf(lo.y, p.y), fminf(lo.z, p.z)};
-        hi = (struct sim_vec){fmaxf(hi.x, p.x), fmaxf(hi.y, p.y), fmaxf(hi.z, p.z)};
+        lo = (struct sim_vec){sim_min(lo.x, p.x), sim_min(lo.y, p.y), sim_min(lo.z, p.z)};
+        hi = (struct sim_vec){sim_max(hi.x, p.x), sim_max(hi.y, p.y), sim_max(hi.z, p.z)};
     }
     tile->centre = sim_mul(sim_add(lo, hi), 0.5f);
     tile->radius = 0.5f * sim_length(sim_sub(hi, lo)) + 2 * lift_m;
@@ -74,7 +74,7 @@ static void prepare_pixel(const struct sim_subject *subject, const struct sim_vi
     tile->normal[k] = pixel->normal;
     tile->view[k] = sim_unit(sim_sub(view->eye, pixel->x));
     tile->weave[k] = pixel->weave;
-    float cosine = fmaxf(1e-3f, sim_dot(pixel->normal, tile->view[k]));
+    float cosine = sim_max(1e-3f, sim_dot(pixel->normal, tile->view[k]));
     tile->coat_out[k] = surface->finish == SIM_COATED ? transmission(cosine) : 1;
     find_nodes(surface, pixel, tile->node[k], tile->share[k]);
 }
@@ -105,16 +105,36 @@ static float segment_distance2(struct sim_vec p, struct sim_vec a, struct sim_ve
 {
     struct sim_vec ab = sim_sub(b, a), ap = sim_sub(p, a);
     float t = sim_dot(ap, ab) / sim_dot(ab, ab);
-    t = fmaxf(0, fminf(1, t));
+    t = sim_max(0, sim_min(1, t));
     struct sim_vec d = sim_along(ap, ab, -t);
     return sim_dot(d, d);
 }
 
-static int same_side(const struct sim_body *quad, const struct sim_tile *tile, struct sim_vec light)
+/*
+ * Could a rectangle stand between the light and some point of the tile? With the tile in a sphere
+ * of radius r around c, its plane at a distance of h from c and, on the other side, g from the light
+ * L, the ray from c crosses the plane at c + t (L - c), t = h / (h + g); the ray from c + e,
+ * |e| <= r, no farther from there than r + |t' - t| |L - c|, t' the same for h - r or h + r.
+ */
+static int quad_between(const struct sim_body *quad, const struct sim_tile *tile,
+                        struct sim_vec light)
 {
-    float there = sim_dot(quad->normal, sim_sub(light, quad->origin));
-    float here = sim_dot(quad->normal, sim_sub(tile->centre, quad->origin));
-    return there > 0 ? here > tile->radius : here < -tile->radius;
+    struct sim_vec way = sim_sub(light, tile->centre);
+    float g = sim_dot(quad->normal, sim_sub(light, quad->origin));
+    float h = sim_dot(quad->normal, sim_sub(tile->centre, quad->origin)), r = tile->radius;
+    float side = g > 0 ? -1 : 1; /* of the plane on which the tile must be */
+    h *= side;
+    g *= -side;
+    if (h < -r)
+        return 0;
+    if (h <= r || g <= 0)
+        return 1;
+    float t = h / (h + g), spread = (h + r) / (h + r + g) - t, other = t - (h - r) / (h - r + g);
+    float reach = r + sim_max(spread, other) * sim_length(way);
+    struct sim_vec p = sim_sub(sim_along(tile->centre, way, t), quad->origin);
+    float u = sim_dot(p, quad->u), v = sim_dot(p, quad->v);
+    float margin_u = reach * sqrtf(quad->u2), margin_v = reach * sqrtf(quad->v2);
+    return u >= -margin_u && u <= quad->u2 + margin_u && v >= -margin_v && v <= quad->v2 + margin_v;
 }
 
 /* Bodies that could stand between some point of the tile and the light. */
@@ -127,7 +147,7 @@ static uint32_t candidates(const struct sim_subject *subject, const struct sim_t
         float reach = body->bound + tile->radius;
         if (segment_distance2(body->centre, tile->centre, light) > reach * reach)
             continue;
-        if (body->shape == SIM_QUAD && same_side(body, tile, light))
+        if (body->shape == SIM_QUAD && !quad_between(body, tile, light))
             continue;
         list[n++] = (uint16_t)i;
     }
@@ -176,8 +196,8 @@ static void reflect(const struct sim_surface *surface, const struct lamp *lamp,
                     float power, struct sim_terms *terms)
 {
     struct sim_vec v = tile->view[k], h = sim_unit(sim_add(l, v));
-    float nv = fmaxf(1e-3f, sim_dot(tile->normal[k], v));
-    float vh = fmaxf(0, sim_dot(v, h));
+    float nv = sim_max(1e-3f, sim_dot(tile->normal[k], v));
+    float vh = sim_max(0, sim_dot(v, h));
     power *= nl * microfacet(surface, nl, nv, sim_dot(tile->normal[k], h));
     struct fresnel f = {-1, 1};
     if (surface->finish == SIM_COATED)

@@ -281,10 +281,10 @@ static void integrate_lobes(const struct sim_geometry *g, const struct ls_lobe *
     }
 }
 
-/* At most SIM_MAX_CHANNELS lobes, added to out. */
+/* At most SIM_MAX_CHANNELS lobes, added to out and their specular part to some. */
 static enum ls_err add_lobes(const struct sim_scene *scene, const struct sim_region *region,
                              const struct ls_lobe *lobes, uint32_t n, uint32_t n_directions,
-                             float *out, struct ls_diag *diag)
+                             float *out, float *some, struct ls_diag *diag)
 {
     struct sim_source sources[SIM_MAX_CHANNELS];
     struct sim_response response;
@@ -304,62 +304,70 @@ static enum ls_err add_lobes(const struct sim_scene *scene, const struct sim_reg
                      .response = &response,
                      .weights = weights,
                      .n_pictures = 1,
-                     .out = out};
+                     .part = some ? PART_SPECULAR : PART_NONE,
+                     .out = out,
+                     .some = some};
     err = sum_up(&s, diag);
     sim_response_finish(&response);
     return err;
 }
 
+/* share[pixel] = some / all of one colour, or the largest over colours if @colour is negative. */
+static void divide(const struct sim_scene *scene, const struct sim_region *region,
+                   const float *some, const float *all, int colour, float *share)
+{
+    uint32_t colours = scene->colours[region->camera];
+    for (size_t i = 0; i < (size_t)region->width * region->height; i++) {
+        share[i] = 0;
+        for (uint32_t c = 0; c < colours; c++) {
+            size_t at = i * colours + c;
+            if (all[at] > 0 && (colour < 0 || (uint32_t)colour == c))
+                share[i] = sim_max(share[i], some[at] / all[at]);
+        }
+    }
+}
+
 enum ls_err sim_truth_environment(const struct sim_scene *scene, const struct sim_region *region,
                                   const struct ls_lobes *lobes, uint32_t n_directions, float *out,
-                                  struct ls_diag *diag)
+                                  float *specular, struct ls_diag *diag)
 {
     enum ls_err err = sim_truth_check(scene, region, diag);
     if (err)
         return err;
     if (scene->kind == SIM_WORLD_REPLAY)
         return ls_fail(diag, LS_ERR_UNSUPPORTED, "a replayed folder has no spectral truth");
-    memset(out, 0, region_values(scene, region) * sizeof *out);
+    size_t values = region_values(scene, region);
+    LS_CLEANUP_FREE float *some = specular ? calloc(values, sizeof *some) : NULL;
+    if (specular && !some)
+        return ls_fail(diag, LS_ERR_NOMEM, "out of memory for a mask");
+    memset(out, 0, values * sizeof *out);
     for (size_t i = 0; i < lobes->n && !err; i += SIM_MAX_CHANNELS) {
         size_t n = lobes->n - i < SIM_MAX_CHANNELS ? lobes->n - i : SIM_MAX_CHANNELS;
-        err = add_lobes(scene, region, lobes->item + i, (uint32_t)n, n_directions, out, diag);
+        err = add_lobes(scene, region, lobes->item + i, (uint32_t)n, n_directions, out, some, diag);
     }
+    if (specular && !err)
+        divide(scene, region, some, out, -1, specular);
     return err;
 }
 
 /* ---- shares ---- */
 
-/* share[pixel] = part / total; @colour, or the largest over colours if negative. */
+/* share[pixel] = part / total, in green or mono. */
 static enum ls_err share(const struct sim_scene *scene, const struct sim_region *region,
-                         const float *weights, enum part part, int colour, float *out,
-                         struct ls_diag *diag)
+                         const float *weights, enum part part, float *out, struct ls_diag *diag)
 {
     enum ls_err err = sim_truth_check(scene, region, diag);
     if (err)
         return err;
     size_t n = region_values(scene, region);
-    uint32_t colours = scene->colours[region->camera];
     LS_CLEANUP_FREE float *some = malloc(n * sizeof *some);
     LS_CLEANUP_FREE float *all = malloc(n * sizeof *all);
     if (!some || !all)
         return ls_fail(diag, LS_ERR_NOMEM, "out of memory for a mask");
     err = relight(scene, region, weights, 1, all, part, some, diag);
-    if (err)
-        return err;
-    for (size_t i = 0; i < n / colours; i++) {
-        out[i] = 0;
-        for (uint32_t c = 0; c < colours; c++) {
-            size_t at = i * colours + c;
-            if (all[at] > 0 && (colour < 0 || (uint32_t)colour == c))
-                out[i] = fmaxf(out[i], some[at] / all[at]);
-        }
-    }
-    return LS_OK;
-}
-
-static int reference(const struct sim_scene *scene, const struct sim_region *region)
-{
-    return scene->colours[region->camera < SIM_MAX_CAMERAS ? region->camera : 0] == 3 ? 1 : 0;
+    if (!err)
+        divide(scene, region, some, all, scene->colours[region->camera] == 3 ? 1 : 0, out);
+    return err;
 }
 
 enum ls_err sim_truth_bounced(const struct sim_scene *scene, const struct sim_region *region,
@@ -370,7 +378,7 @@ enum ls_err sim_truth_bounced(const struct sim_scene *scene, const struct sim_re
         return ls_fail(diag, LS_ERR_NOMEM, "out of memory for weights");
     for (uint32_t i = 0; i < scene->geometry.n_lights; i++)
         weights[i] = 1;
-    return share(scene, region, weights, PART_BOUNCED, reference(scene, region), bounced, diag);
+    return share(scene, region, weights, PART_BOUNCED, bounced, diag);
 }
 
 enum ls_err sim_truth_specular(const struct sim_scene *scene, const struct sim_region *region,
@@ -383,11 +391,5 @@ enum ls_err sim_truth_specular(const struct sim_scene *scene, const struct sim_r
     if (!weights)
         return ls_fail(diag, LS_ERR_NOMEM, "out of memory for weights");
     weights[light] = 1;
-    return share(scene, region, weights, PART_SPECULAR, reference(scene, region), specular, diag);
-}
-
-enum ls_err sim_truth_specular_relit(const struct sim_scene *scene, const struct sim_region *region,
-                                     const float *weights, float *specular, struct ls_diag *diag)
-{
-    return share(scene, region, weights, PART_SPECULAR, -1, specular, diag);
+    return share(scene, region, weights, PART_SPECULAR, specular, diag);
 }

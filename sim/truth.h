@@ -52,12 +52,14 @@ LS_MUST_CHECK enum ls_err sim_truth_relight(const struct sim_scene *scene,
  * A picture under a spectral environment: each lobe's radiance is integrated over every light's
  * cell with @n_directions (spherical Fibonacci, each given to its nearest light), then shaded with
  * the lobe's own spectrum, at 5 nm, as if the light had it. Spectra have the unit in which the
- * white LED of the calibration reads p(W, green) = 1. @out: [height][width][colours].
+ * white LED of the calibration reads p(W, green) = 1. @out: [height][width][colours]. @specular:
+ * [height][width], the share of specular light in the picture, largest over colours, 0 without any
+ * light; or NULL. Errors: LS_ERR_INVALID, LS_ERR_UNSUPPORTED (stamp, replay), LS_ERR_NOMEM.
  */
 LS_MUST_CHECK enum ls_err sim_truth_environment(const struct sim_scene *scene,
                                                 const struct sim_region *region,
                                                 const struct ls_lobes *lobes,
-                                                uint32_t n_directions, float *out,
+                                                uint32_t n_directions, float *out, float *specular,
                                                 struct ls_diag *diag);
 
 /**
@@ -71,12 +73,6 @@ LS_MUST_CHECK enum ls_err sim_truth_bounced(const struct sim_scene *scene,
 LS_MUST_CHECK enum ls_err sim_truth_specular(const struct sim_scene *scene,
                                              const struct sim_region *region, uint32_t light,
                                              float *specular, struct ls_diag *diag);
-
-/** Specular share of a picture relit with weights [n_channels][n_lights], largest over colours. */
-LS_MUST_CHECK enum ls_err sim_truth_specular_relit(const struct sim_scene *scene,
-                                                   const struct sim_region *region,
-                                                   const float *weights, float *specular,
-                                                   struct ls_diag *diag);
 
 /** A rectangle of sensor pixels well inside one sample of the still life. */
 struct sim_sample {

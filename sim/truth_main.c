@@ -220,7 +220,8 @@ static enum ls_err environment(const struct sim_scene *scene, const struct sim_t
     if (!err)
         err = ls_lobes_parse_json(text, size, &lobes, diag);
     if (!err)
-        err = sim_truth_environment(scene, &p.region, lobes, ENVIRONMENT_DIRECTIONS, out, diag);
+        err = sim_truth_environment(scene, &p.region, lobes, ENVIRONMENT_DIRECTIONS, out, NULL,
+                                    diag);
     if (!err)
         err = write_picture(&p, out, NULL, o->output, diag);
     ls_lobes_destroy(lobes);

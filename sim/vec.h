@@ -52,6 +52,17 @@ static inline struct sim_vec sim_cross(struct sim_vec a, struct sim_vec b)
     return (struct sim_vec){a.y * b.z - a.z * b.y, a.z * b.x - a.x * b.z, a.x * b.y - a.y * b.x};
 }
 
+/* fminf and fmaxf are calls where the compiler must heed NaN; these are one instruction. */
+static inline float sim_min(float a, float b)
+{
+    return a < b ? a : b;
+}
+
+static inline float sim_max(float a, float b)
+{
+    return a > b ? a : b;
+}
+
 static inline float sim_length(struct sim_vec a)
 {
     return sqrtf(sim_dot(a, a));

@@ -49,21 +49,17 @@ LS_MUST_CHECK enum ls_err judge_field_errors(const struct judge *judge,
                                              struct judge_field_errors *out,
                                              struct ls_diag *diag);
 
-/** The true picture under the environment, through the take's mosaic and demosaic. (height, width,
- * 3). @image: ls_image_finish. */
+/** The true picture under the environment, through the take's mosaic and demosaic (height, width,
+ * 3), and the share of specular light in it (height, width, 1). ls_image_finish each. */
 LS_MUST_CHECK enum ls_err judge_true_picture(const struct judge *judge, struct ls_image *image,
-                                             struct ls_diag *diag);
+                                             struct ls_image *specular, struct ls_diag *diag);
 
-/** Share of specular light in the environment's picture, [height][width]; the highlight mask is
- * > 0.5. */
-LS_MUST_CHECK enum ls_err judge_specular_share(const struct judge *judge, float *share,
-                                               struct ls_diag *diag);
-
-/** Relative RMS in percent of @relit (camera RGB, unit of R) against @truth, outside the highlight
- * mask of @share. LS_ERR_INVALID: sizes differ. */
+/** Relative RMS in percent of @relit (camera RGB, unit of R) against @truth, outside the highlights
+ * (@specular > 50 %). LS_ERR_INVALID: sizes differ. */
 LS_MUST_CHECK enum ls_err judge_picture_error(const struct ls_image *relit,
-                                              const struct ls_image *truth, const float *share,
-                                              double *percent, struct ls_diag *diag);
+                                              const struct ls_image *truth,
+                                              const struct ls_image *specular, double *percent,
+                                              struct ls_diag *diag);
 
 /** Tickets joined to the simulator's log of what was truly shown. */
 struct judge_labels {

@@ -49,7 +49,7 @@ struct bench {
     struct sim_scene *scene;
     struct ls_lobes *lobes;
     struct judge judge;
-    struct ls_image truth, relit, tristimulus, sphere[LS_FIELD_MAX_SPECTRA], light;
+    struct ls_image truth, specular, relit, tristimulus, sphere[LS_FIELD_MAX_SPECTRA], light;
     json_t *result;
 };
 
@@ -187,13 +187,13 @@ static enum ls_err read_exr(const char *path, struct ls_image *image, struct ls_
     return err ? err : ls_exr_read(bytes, length, NULL, FILE_MAX_BYTES, image, NULL, diag);
 }
 
-static enum ls_err judge_picture(struct bench *b, const char *path, const float *share,
-                                 struct ls_image *image, const char *key, struct ls_diag *diag)
+static enum ls_err judge_picture(struct bench *b, const char *path, struct ls_image *image,
+                                 const char *key, struct ls_diag *diag)
 {
     double error;
     enum ls_err err = read_exr(path, image, diag);
     if (!err)
-        err = judge_picture_error(image, &b->truth, share, &error, diag);
+        err = judge_picture_error(image, &b->truth, &b->specular, &error, diag);
     if (!err)
         put(b, key, error);
     return err;
@@ -201,19 +201,12 @@ static enum ls_err judge_picture(struct bench *b, const char *path, const float 
 
 static enum ls_err judge_pictures(struct bench *b, struct ls_diag *diag)
 {
-    enum ls_err err = judge_true_picture(&b->judge, &b->truth, diag);
-    if (err)
-        return err;
-    size_t n = (size_t)b->truth.width * b->truth.height;
-    LS_CLEANUP_FREE float *share = calloc(n, sizeof *share);
-    if (!share)
-        return ls_fail(diag, LS_ERR_NOMEM, "out of memory for a mask");
-    err = judge_specular_share(&b->judge, share, diag);
+    enum ls_err err = judge_true_picture(&b->judge, &b->truth, &b->specular, diag);
     if (!err && b->o.relit)
-        err = judge_picture(b, b->o.relit, share, &b->relit, "relight_error_percent", diag);
+        err = judge_picture(b, b->o.relit, &b->relit, "relight_error_percent", diag);
     if (!err && b->o.tristimulus)
-        err = judge_picture(b, b->o.tristimulus, share, &b->tristimulus,
-                            "tristimulus_error_percent", diag);
+        err = judge_picture(b, b->o.tristimulus, &b->tristimulus, "tristimulus_error_percent",
+                            diag);
     return err;
 }
 
@@ -316,6 +309,7 @@ static void finish(struct bench *b)
         ls_image_finish(&b->sphere[s]);
     ls_image_finish(&b->light);
     ls_image_finish(&b->truth);
+    ls_image_finish(&b->specular);
     ls_image_finish(&b->relit);
     ls_image_finish(&b->tristimulus);
     ls_lobes_destroy(b->lobes);

@@ -1,18 +1,11 @@
 #include "judge.h"
 
 #include "core/demosaic.h"
-#include "core/envlights.h"
 
 #include <math.h>
 #include <stdlib.h>
 
 enum { TRUTH_DIRECTIONS = 200000, IMAGE_LIMIT_BYTES = 1 << 30 };
-
-static struct sim_region whole(const struct judge *judge)
-{
-    return (struct sim_region){ judge->source->camera, 0, 0, judge->source->width,
-                                judge->source->height };
-}
 
 static enum ls_err demosaic(const struct ls_field *f, const float *mosaic, struct ls_image *image)
 {
@@ -40,56 +33,40 @@ static enum ls_err through_mosaic(const struct ls_field *f, struct ls_image *ima
 }
 
 enum ls_err judge_true_picture(const struct judge *judge, struct ls_image *image,
-                               struct ls_diag *diag)
+                               struct ls_image *specular, struct ls_diag *diag)
 {
-    const struct sim_region region = whole(judge);
-    struct ls_image out = { 0 };
+    const struct sim_region region = { judge->source->camera, 0, 0, judge->source->width,
+                                       judge->source->height };
+    struct ls_image out = { 0 }, share = { 0 };
     enum ls_err err = ls_image_init(&out, region.width, region.height, JUDGE_COLOURS,
                                     IMAGE_LIMIT_BYTES, diag);
     if (!err)
+        err = ls_image_init(&share, region.width, region.height, 1, IMAGE_LIMIT_BYTES, diag);
+    if (!err)
         err = sim_truth_environment(judge->scene, &region, judge->lobes, TRUTH_DIRECTIONS,
-                                    out.pixels, diag);
+                                    out.pixels, share.pixels, diag);
     if (!err)
         err = through_mosaic(&judge->source->field, &out, diag);
-    if (err)
+    if (err) {
         ls_image_finish(&out);
-    else
-        *image = out;
-    return err;
-}
-
-/* The environment's mean radiance through channel W: good enough to say where highlights are. */
-enum ls_err judge_specular_share(const struct judge *judge, float *share, struct ls_diag *diag)
-{
-    const struct ls_field *f = &judge->source->field;
-    const struct sim_region region = whole(judge);
-    uint32_t n_channels = sim_scene_config(judge->scene)->n_channels;
-    double *cells = calloc((size_t)f->n_lights * judge->lobes->n, sizeof *cells);
-    float *weights = calloc((size_t)f->n_lights * n_channels, sizeof *weights);
-    enum ls_err err = cells && weights ? ls_envlights_lobes(f->directions, f->n_lights, NULL,
-                                                            judge->lobes, cells, diag)
-                                       : LS_ERR_NOMEM;
-    for (uint32_t i = 0; i < f->n_lights && !err; i++)
-        for (size_t l = 0; l < judge->lobes->n; l++)
-            weights[i] += (float)(cells[i * judge->lobes->n + l] *
-                                  ls_spectrum_mean(&judge->lobes->item[l].spectrum));
-    if (!err)
-        err = sim_truth_specular_relit(judge->scene, &region, weights, share, diag);
-    free(cells);
-    free(weights);
-    return err;
+        ls_image_finish(&share);
+        return err;
+    }
+    *image = out;
+    *specular = share;
+    return LS_OK;
 }
 
 enum ls_err judge_picture_error(const struct ls_image *relit, const struct ls_image *truth,
-                                const float *share, double *percent, struct ls_diag *diag)
+                                const struct ls_image *specular, double *percent,
+                                struct ls_diag *diag)
 {
     if (relit->width != truth->width || relit->height != truth->height || relit->n_channels != 3)
         return ls_fail(diag, LS_ERR_INVALID, "relit picture is %ux%ux%u, the truth %ux%ux3",
                        relit->width, relit->height, relit->n_channels, truth->width, truth->height);
-    size_t n = (size_t)truth->width * truth->height;
     double difference = 0, total = 0;
-    for (size_t j = 0; j < n; j++)
-        for (int c = 0; c < JUDGE_COLOURS && !(share[j] > 0.5f); c++) {
+    for (size_t j = 0; j < (size_t)truth->width * truth->height; j++)
+        for (int c = 0; c < JUDGE_COLOURS && !(specular->pixels[j] > 0.5f); c++) {
             double d = (double)relit->pixels[3 * j + c] - truth->pixels[3 * j + c];
             difference += d * d;
             total += (double)truth->pixels[3 * j + c] * truth->pixels[3 * j + c];
