@@ -27,8 +27,10 @@ void ls_conf_error(struct ls_conf *conf, const char *key, const char *fmt, ...)
     vsnprintf(what, sizeof what, fmt, args);
     va_end(args);
     const config_setting_t *at = conf->group ? config_setting_get_member(conf->group, key) : NULL;
-    conf->err = ls_fail(conf->diag, LS_ERR_INVALID, "%s:%u: %s: %s", conf->file,
-                        ls_conf_line(at ? at : conf->group), key, what);
+    unsigned line = ls_conf_line(at ? at : conf->group);
+    conf->err = line ? ls_fail(conf->diag, LS_ERR_INVALID, "%s:%u: %s: %s", conf->file, line, key,
+                               what)
+                     : ls_fail(conf->diag, LS_ERR_INVALID, "%s: %s: %s", conf->file, key, what);
 }
 
 static const config_setting_t *get(struct ls_conf *conf, const char *key, bool needed)
@@ -165,17 +167,20 @@ char *ls_conf_need_string(struct ls_conf *conf, const char *key)
 
 int ls_conf_word(struct ls_conf *conf, const char *key, const char *const *words, int fallback)
 {
-    LS_CLEANUP_FREE char *v = string(conf, key, NULL, fallback < 0);
-    if (!v)
+    LS_CLEANUP_FREE char *v = string(conf, key, NULL, false);
+    if (conf->err || (!v && fallback >= 0))
         return fallback < 0 ? 0 : fallback;
     char expected[128] = "";
     for (int i = 0; words[i]; i++) {
-        if (!strcmp(v, words[i]))
+        if (v && !strcmp(v, words[i]))
             return i;
         size_t used = strlen(expected);
         snprintf(expected + used, sizeof expected - used, "%s\"%s\"", i ? " or " : "", words[i]);
     }
-    ls_conf_error(conf, key, "\"%s\": expected %s", v, expected);
+    if (v)
+        ls_conf_error(conf, key, "\"%s\": expected %s", v, expected);
+    else
+        ls_conf_error(conf, key, "missing, and there is no default: expected %s", expected);
     return 0;
 }
 

@@ -16,6 +16,7 @@ static const char *const channel_kinds[] = { "spectrum", "polariser", NULL };
 /* What a Timed camera starts with; a take writes every step's own. */
 #define TIMED_US 1000.0
 
+static const char *const unit_words[] = { "m", "cm", "mm", NULL };
 static const char *const trigger_words[] = { "line", "software", NULL };
 static const char *const exposure_words[] = { "width", "timed", NULL };
 
@@ -154,7 +155,7 @@ static void read_lights(struct ls_conf *rig, struct ls_config *config)
     ls_conf_begin(&c, group, rig->file, rig->diag);
     LS_CLEANUP_FREE char *path = beside(rig->file, ls_conf_need_string(&c, "positions"));
     LS_CLEANUP_FREE char *axes = ls_conf_string(&c, "axes", "right,up,towards");
-    LS_CLEANUP_FREE char *unit = ls_conf_string(&c, "unit", "m");
+    const char *unit = unit_words[ls_conf_word(&c, "unit", unit_words, 0)];
     struct ls_positions positions = { 0 };
     LS_CLEANUP_FREE char *text = NULL;
     size_t length = 0;
@@ -163,6 +164,11 @@ static void read_lights(struct ls_conf *rig, struct ls_config *config)
     if (!c.err)
         c.err = ls_positions_parse(text, length, path, axes, unit, LS_MAX_LIGHTS, &positions,
                                    c.diag);
+    if (c.err == LS_ERR_INVALID && c.diag && !strncmp(c.diag->text, "axes ", 5)) {
+        struct ls_diag said = *c.diag;
+        c.err = LS_OK;
+        ls_conf_error(&c, "axes", "%s", said.text + 5);
+    }
     rig->err = ls_conf_finish(&c);
     if (!rig->err)
         config->lights = calloc(positions.n, sizeof *config->lights);

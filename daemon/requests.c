@@ -191,6 +191,13 @@ static bool token_ok(const struct call *call, const char *token)
     return ok;
 }
 
+/* What of a plan was wrong: limits and settings are the rig's, the rest is the plan's text. */
+static enum ls_proto_context about_plan(enum ls_err err)
+{
+    return err == LS_ERR_LIMIT || err == LS_ERR_MISMATCH ? LS_PROTO_ABOUT_RIG
+                                                         : LS_PROTO_ABOUT_REQUEST;
+}
+
 static void handle_preflight(const struct call *call)
 {
     struct ls_preflight found = {0};
@@ -202,7 +209,7 @@ static void handle_preflight(const struct call *call)
     enum ls_err err = ls_engine_preflight(engine_of(call), text, &found, &diag);
     g_free(text);
     if (err) {
-        fail(call, err, err == LS_ERR_LIMIT ? LS_PROTO_ABOUT_RIG : LS_PROTO_ABOUT_REQUEST, &diag);
+        fail(call, err, about_plan(err), &diag);
         return;
     }
     body.conditions = found.conditions;
@@ -263,7 +270,7 @@ static void handle_take_start(const struct call *call)
     if ((err || already) && service->take.state == LS_TAKE_PREPARING && !service->take.id[0])
         service->take = before;
     if (err)
-        fail(call, err, err == LS_ERR_LIMIT ? LS_PROTO_ABOUT_RIG : LS_PROTO_ABOUT_REQUEST, &diag);
+        fail(call, err, about_plan(err), &diag);
     else
         answer_started(call, start->token, already);
 }
@@ -288,7 +295,7 @@ static void handle_take_resume(const struct call *call)
     if (err == LS_ERR_MISMATCH)
         ls_session_error(call->session, call->id, LS_PROTO_RIG_CHANGED, diag.text);
     else if (err)
-        fail(call, err, err == LS_ERR_LIMIT ? LS_PROTO_ABOUT_RIG : LS_PROTO_ABOUT_REQUEST, &diag);
+        fail(call, err, about_plan(err), &diag);
     else
         answer_started(call, resume->token, false);
 }

@@ -224,6 +224,12 @@ def lights_status(rig):
     return rig.ask("status")["lights"]
 
 
+def call_quietly(*command):
+    """The exit code of a program whose words do not matter."""
+    return subprocess.run(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
+                          stdin=subprocess.DEVNULL).returncode
+
+
 def interrupt(client):
     client.send_signal(signal.SIGINT)
 
