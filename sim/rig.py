@@ -92,23 +92,29 @@ class Process:
 
 
 class Rig:
-    """One simulated stage. The *_extra texts are appended to the configuration they name."""
+    """One simulated stage. The *_extra texts are appended to the configuration they name; size is
+    in pixels, one number or (width, height); positions is (file, axes, unit) as the daemon reads
+    them, the simulator's own by default.
+    """
 
     def __init__(self, build, folder, size=512, scene="stilllife", channels="WRAGCBVH",
                  scene_extra="", camera_extra="", simulator_extra="", daemon_extra="",
                  rig_camera_extra="", cfa="RG", pixel_format="BayerRG12", calibrated=True,
-                 packet_size=9000, timeout_ms=2000):
+                 packet_size=9000, timeout_ms=2000, focal_mm=25,
+                 positions=("positions.csv", "right,up,towards", "m")):
         self.build, self.folder = build, folder
-        self.size, self.channels, self.pixel_format = size, channels, pixel_format
+        self.width, self.height = (size, size) if isinstance(size, int) else size
+        self.channels, self.pixel_format = channels, pixel_format
+        self.focal_mm, self.positions = focal_mm, positions
         self.daemon_extra, self.rig_camera_extra = daemon_extra, rig_camera_extra
         self.calibrated, self.packet_size, self.timeout_ms = calibrated, packet_size, timeout_ms
-        self.max_fps = min(MAX_FPS, READOUT_PX_PER_S / size ** 2)
+        self.max_fps = min(MAX_FPS, READOUT_PX_PER_S / (self.width * self.height))
         self.camera = loopback()
         self.dome = self.daemon = None
         write(self.path("sim.conf"), f"""
 scene = {{ scene = "{scene}"; {scene_extra} }};
-cameras = ( {{ address = "{self.camera}"; width = {size}; height = {size}; cfa = "{cfa}";
-               {camera_extra} }} );
+cameras = ( {{ address = "{self.camera}"; width = {self.width}; height = {self.height};
+               cfa = "{cfa}"; focal_length_mm = {float(focal_mm)}; {camera_extra} }} );
 log = "shown.jsonl";
 {simulator_extra}
 """)
@@ -156,17 +162,19 @@ controller = {{ driver = "modbus"; address = "127.0.0.1"; port = {self.dome.read
                timeout_ms = {self.timeout_ms}; }};
 {self.daemon_extra}
 """)
+        file, axes, unit = self.positions
+        sensor_height = SENSOR_MM * self.height / self.width
         channels = ", ".join('{ name = "%s"; kind = "%s"; }' %
                              (c, "polariser" if c in "VH" else "spectrum") for c in self.channels)
         write(self.path("rig.conf"), f"""
 name = "simulated dome";
-lights = {{ positions = "positions.csv"; axes = "right,up,towards"; unit = "m"; }};
+lights = {{ positions = "{file}"; axes = "{axes}"; unit = "{unit}"; }};
 channels = ( {channels} );
 cameras = ( {{ name = "front"; address = "{self.camera}";
-    width = {self.size}; height = {self.size};
+    width = {self.width}; height = {self.height};
     pixel_format = "{self.pixel_format}"; packet_size = {self.packet_size}; max_fps = {self.max_fps:.2f};
-    position_m = [0.0, 0.0, 1.6]; look_at_m = [0.0, 0.0, 0.0]; focal_length_mm = 50;
-    sensor_mm = [{SENSOR_MM}, {SENSOR_MM}]; range = [0.10, 0.85];
+    position_m = [0.0, 0.0, 1.6]; look_at_m = [0.0, 0.0, 0.0]; focal_length_mm = {self.focal_mm};
+    sensor_mm = [{SENSOR_MM}, {sensor_height}]; range = [0.10, 0.85];
     black_dn = {constants['black_dn']}; full_scale_dn = {constants['full_scale_dn']};
     electrons_per_dn = {constants['electrons_per_dn']};
     read_noise_dn = {constants['read_noise_dn']};
