@@ -6,7 +6,7 @@
 #include <math.h>
 #include <time.h>
 
-static void add_standard(const struct ls_picture *picture, struct ls_exr_attrs *attrs)
+static void add_standard(const struct ls_picture_facts *picture, struct ls_exr_attrs *attrs)
 {
     const struct ls_config_camera *camera = &picture->config->cameras[picture->camera];
     char date[32];
@@ -36,7 +36,7 @@ static void add_light(const struct ls_config *config, int32_t light, struct ls_e
     ls_exr_attrs_v3f(attrs, "lightstage/direction", direction);
 }
 
-static void add_condition(const struct ls_picture *picture, struct ls_exr_attrs *attrs)
+static void add_condition(const struct ls_picture_facts *picture, struct ls_exr_attrs *attrs)
 {
     const struct ls_config *config = picture->config;
     const struct ls_plan_condition *c = &picture->plan->conditions[picture->condition];
@@ -49,7 +49,7 @@ static void add_condition(const struct ls_picture *picture, struct ls_exr_attrs 
         ls_exr_attrs_float(attrs, "lightstage/duty", (float)c->lights.leds[0].level / 65535);
 }
 
-void ls_picture_attributes(const struct ls_picture *picture, struct ls_exr_attrs *attrs)
+void ls_picture_attributes(const struct ls_picture_facts *picture, struct ls_exr_attrs *attrs)
 {
     const struct ls_plan_condition *c = &picture->plan->conditions[picture->condition];
     const struct ls_pixel_format *format = ls_pixel_by_name(picture->info->pixel_format);

@@ -15,7 +15,7 @@
 #include <stdint.h>
 
 /** One picture: a condition as one camera saw it. Everything is (transfer none). */
-struct ls_picture {
+struct ls_picture_facts {
     const struct ls_config *config;
     const struct ls_plan *plan;
     const struct ls_camera_info *info;
@@ -27,6 +27,6 @@ struct ls_picture {
 };
 
 /** Fill an empty list; errors stay in attrs->err, as ls_exr_attrs has it. */
-void ls_picture_attributes(const struct ls_picture *picture, struct ls_exr_attrs *attrs);
+void ls_picture_attributes(const struct ls_picture_facts *picture, struct ls_exr_attrs *attrs);
 
 #endif

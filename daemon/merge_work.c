@@ -111,7 +111,7 @@ static enum ls_err publish(struct ls_merge_stage *stage, uint32_t camera, uint32
 {
     const struct ls_capture_setup *setup = stage->config.setup;
     struct ls_exr_attrs attrs = {0};
-    const struct ls_picture about = {.config = setup->config,
+    const struct ls_picture_facts about = {.config = setup->config,
                                      .plan = setup->plan,
                                      .info = ls_camera_info(setup->cameras[camera]),
                                      .camera = camera,
