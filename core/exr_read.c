@@ -1,29 +1,10 @@
-#include "core/exr_source.h"
+#include "core/exr_decode.h"
 
 #include <stdbool.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 #include <strings.h>
-
-enum { MAX_PICKED = 3 };
-
-/* What to decode, and where to. Samples of picked channel c of pixel (x, y) go to
- * pixels + ((y * width + x) * n + c) * sample_bytes. */
-struct target {
-    int part;
-    struct ls_exr_layout layout;
-    int picked[MAX_PICKED]; /* indices of the part's channels */
-    uint32_t n;
-    exr_pixel_type_t type;
-    size_t limit_bytes; /* for working buffers */
-    uint8_t *pixels;
-};
-
-static size_t sample_bytes(const struct target *target)
-{
-    return target->type == EXR_PIXEL_HALF ? 2 : 4;
-}
 
 static int find_channel(const exr_attr_chlist_t *channels, const char *layer, const char *name)
 {
@@ -39,7 +20,7 @@ static int find_channel(const exr_attr_chlist_t *channels, const char *layer, co
 }
 
 /* R G B of the layer, else its Y. */
-static bool pick(struct target *target, const char *layer)
+static bool pick(struct ls_exr_target *target, const char *layer)
 {
     static const char *const rgb[3] = {"R", "G", "B"};
     const exr_attr_chlist_t *channels = target->layout.channels;
@@ -55,7 +36,7 @@ static bool pick(struct target *target, const char *layer)
     return target->picked[0] >= 0;
 }
 
-static bool pick_only(struct target *target)
+static bool pick_only(struct ls_exr_target *target)
 {
     target->n = 1;
     target->picked[0] = 0;
@@ -64,7 +45,7 @@ static bool pick_only(struct target *target)
 
 /* The part and channels that @layer names, see ls_exr_read. */
 static enum ls_err choose(const struct ls_exr_source *source, const char *layer,
-                          struct target *target, struct ls_diag *diag)
+                          struct ls_exr_target *target, struct ls_diag *diag)
 {
     int n_parts = 0, named = layer ? ls_exr_source_part(source, layer) : -1;
     enum ls_err refused = LS_OK;
@@ -89,7 +70,7 @@ static enum ls_err choose(const struct ls_exr_source *source, const char *layer,
                    layer ? "layer or part " : "part", layer ? layer : "");
 }
 
-static enum ls_err check_supported(const struct target *target, struct ls_diag *diag)
+static enum ls_err check_supported(const struct ls_exr_target *target, struct ls_diag *diag)
 {
     const exr_attr_chlist_t *channels = target->layout.channels;
     if (target->layout.compression == EXR_COMPRESSION_DWAA ||
@@ -102,6 +83,10 @@ static enum ls_err check_supported(const struct target *target, struct ls_diag *
                        "OpenEXR: compression %d is not known; convert "
                        "with oiiotool --compression zip",
                        target->layout.compression);
+    for (int c = 0; c < channels->num_channels; c++)
+        if (channels->entries[c].pixel_type > EXR_PIXEL_FLOAT)
+            return ls_fail(diag, LS_ERR_INVALID, "OpenEXR: channel %d of %d: type %d is not known",
+                           c + 1, channels->num_channels, channels->entries[c].pixel_type);
     for (int c = 0; c < channels->num_channels; c++)
         if (channels->entries[c].x_sampling != 1 || channels->entries[c].y_sampling != 1)
             return ls_fail(diag, LS_ERR_UNSUPPORTED,
@@ -135,105 +120,6 @@ static enum ls_err check_meaning(const struct ls_exr_source *source, int part, s
     return LS_OK;
 }
 
-static enum ls_err place(const struct target *target, const exr_chunk_info_t *chunk, uint32_t x,
-                         uint32_t y, exr_decode_pipeline_t *decode, struct ls_diag *diag)
-{
-    uint32_t w = (uint32_t)chunk->width, h = (uint32_t)chunk->height;
-    if (chunk->width < 1 || chunk->height < 1 || x + w > target->layout.width ||
-        y + h > target->layout.height ||
-        decode->channel_count != target->layout.channels->num_channels)
-        return ls_fail(diag, LS_ERR_INVALID,
-                       "OpenEXR: a chunk at (%u, %u) does not fit into the "
-                       "picture",
-                       x, y);
-    size_t pixel = target->n * sample_bytes(target);
-    for (uint32_t c = 0; c < target->n; c++) {
-        exr_coding_channel_info_t *channel = &decode->channels[target->picked[c]];
-        if (channel->width != chunk->width || channel->height != chunk->height)
-            return ls_fail(diag, LS_ERR_INVALID, "OpenEXR: a chunk at (%u, %u) is inconsistent", x,
-                           y);
-        channel->decode_to_ptr = target->pixels + ((size_t)y * target->layout.width + x) * pixel +
-                                 c * sample_bytes(target);
-        channel->user_pixel_stride = (int32_t)pixel;
-        channel->user_line_stride = (int32_t)(pixel * target->layout.width);
-        channel->user_bytes_per_element = (int16_t)sample_bytes(target);
-        channel->user_data_type = (uint16_t)target->type;
-    }
-    return LS_OK;
-}
-
-static enum ls_err decode_chunk(const struct ls_exr_source *source, const struct target *target,
-                                const exr_chunk_info_t *chunk, uint32_t x, uint32_t y,
-                                exr_decode_pipeline_t *decode, struct ls_diag *diag)
-{
-    bool first = decode->context == NULL;
-    if (chunk->packed_size > source->n || chunk->unpacked_size > target->limit_bytes / 4)
-        return ls_fail(diag, LS_ERR_LIMIT,
-                       "OpenEXR: a chunk of %llu bytes is larger than the "
-                       "limit allows",
-                       (unsigned long long)chunk->unpacked_size);
-    exr_result_t r = first ? exr_decoding_initialize(source->context, target->part, chunk, decode)
-                           : exr_decoding_update(source->context, target->part, chunk, decode);
-    if (r)
-        return ls_exr_source_fail(source, r, "cannot decode", diag);
-    enum ls_err err = place(target, chunk, x, y, decode, diag);
-    if (err)
-        return err;
-    if (first)
-        r = exr_decoding_choose_default_routines(source->context, target->part, decode);
-    if (!r)
-        r = exr_decoding_run(source->context, target->part, decode);
-    return r ? ls_exr_source_fail(source, r, "cannot decode", diag) : LS_OK;
-}
-
-static enum ls_err decode_scanlines(const struct ls_exr_source *source, const struct target *target,
-                                    exr_decode_pipeline_t *decode, struct ls_diag *diag)
-{
-    int32_t lines = 0;
-    exr_result_t r = exr_get_scanlines_per_chunk(source->context, target->part, &lines);
-    if (r || lines < 1)
-        return ls_exr_source_fail(source, r, "cannot read the layout", diag);
-    for (uint32_t y = 0; y < target->layout.height; y += (uint32_t)lines) {
-        exr_chunk_info_t chunk;
-        r = exr_read_scanline_chunk_info(source->context, target->part,
-                                         target->layout.y + (int32_t)y, &chunk);
-        if (r)
-            return ls_exr_source_fail(source, r, "cannot find scanlines", diag);
-        enum ls_err err = decode_chunk(source, target, &chunk, 0, y, decode, diag);
-        if (err)
-            return err;
-    }
-    return LS_OK;
-}
-
-static enum ls_err decode_tiles(const struct ls_exr_source *source, const struct target *target,
-                                exr_decode_pipeline_t *decode, struct ls_diag *diag)
-{
-    uint32_t tile_w = target->layout.tile_w, tile_h = target->layout.tile_h;
-    for (uint32_t y = 0; y < target->layout.height; y += tile_h)
-        for (uint32_t x = 0; x < target->layout.width; x += tile_w) {
-            exr_chunk_info_t chunk;
-            exr_result_t r = exr_read_tile_chunk_info(
-                source->context, target->part, (int)(x / tile_w), (int)(y / tile_h), 0, 0, &chunk);
-            if (r)
-                return ls_exr_source_fail(source, r, "cannot find a tile", diag);
-            enum ls_err err = decode_chunk(source, target, &chunk, x, y, decode, diag);
-            if (err)
-                return err;
-        }
-    return LS_OK;
-}
-
-static enum ls_err decode(const struct ls_exr_source *source, const struct target *target,
-                          struct ls_diag *diag)
-{
-    exr_decode_pipeline_t pipeline = EXR_DECODE_PIPELINE_INITIALIZER;
-    enum ls_err err = target->layout.tiled ? decode_tiles(source, target, &pipeline, diag)
-                                           : decode_scanlines(source, target, &pipeline, diag);
-    exr_decoding_destroy(source->context, &pipeline);
-    return err;
-}
-
 /* Some programs keep a Radiance picture's EXPOSURE, unapplied or applied one cannot know. */
 static enum ls_err check_exposure(const struct ls_exr_attrs *attrs, struct ls_diag *diag)
 {
@@ -255,7 +141,7 @@ static enum ls_err read_picture(const struct ls_exr_source *source, const char *
                                 size_t limit_bytes, struct ls_image *image,
                                 struct ls_exr_attrs *attrs, struct ls_diag *diag)
 {
-    struct target target = {.type = EXR_PIXEL_FLOAT, .limit_bytes = limit_bytes};
+    struct ls_exr_target target = {.type = EXR_PIXEL_FLOAT, .limit_bytes = limit_bytes};
     enum ls_err err = choose(source, layer, &target, diag);
     if (!err)
         err = check_supported(&target, diag);
@@ -272,7 +158,7 @@ static enum ls_err read_picture(const struct ls_exr_source *source, const char *
         return err;
     target.pixels = (uint8_t *)image->pixels;
     target.limit_bytes -= (size_t)image->width * image->height * target.n * 4;
-    err = decode(source, &target, diag);
+    err = ls_exr_decode(source, &target, diag);
     if (err)
         ls_image_finish(image);
     return err;
@@ -299,7 +185,7 @@ enum ls_err ls_exr_read(const void *bytes, size_t n_bytes, const char *layer, si
 static enum ls_err read_plane(const struct ls_exr_source *source, int part, size_t limit_bytes,
                               struct ls_exr_plane *plane, struct ls_diag *diag)
 {
-    struct target target = {.part = part};
+    struct ls_exr_target target = {.part = part};
     enum ls_err err = ls_exr_source_layout(source, part, &target.layout, diag);
     if (err)
         return err;
@@ -312,7 +198,8 @@ static enum ls_err read_plane(const struct ls_exr_source *source, int part, size
     target.type = target.layout.channels->entries[0].pixel_type;
     if (target.type == EXR_PIXEL_UINT)
         return ls_fail(diag, LS_ERR_UNSUPPORTED, "OpenEXR: integer samples in a plane");
-    size_t n = (size_t)target.layout.width * target.layout.height * sample_bytes(&target);
+    size_t n =
+        (size_t)target.layout.width * target.layout.height * ls_exr_sample_bytes(target.type);
     if (n > limit_bytes)
         return ls_fail(diag, LS_ERR_LIMIT,
                        "OpenEXR: %u x %u px are more than the limit of %zu "
@@ -322,7 +209,7 @@ static enum ls_err read_plane(const struct ls_exr_source *source, int part, size
     target.pixels = malloc(n);
     if (!target.pixels)
         return ls_fail(diag, LS_ERR_NOMEM, "no memory for %zu bytes", n);
-    err = decode(source, &target, diag);
+    err = ls_exr_decode(source, &target, diag);
     if (err) {
         free(target.pixels);
         return err;

@@ -8,7 +8,7 @@ static const size_t alloc_limit_bytes = (size_t)1 << 30;
 
 static void *bounded_alloc(size_t n)
 {
-    return n > alloc_limit_bytes ? NULL : malloc(n);
+    return n > alloc_limit_bytes ? NULL : calloc(1, n); /* nothing unfilled passes for pixels */
 }
 
 static int64_t read_at(exr_const_context_t context, void *user, void *buffer, uint64_t n,
