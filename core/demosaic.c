@@ -24,11 +24,19 @@
  * Each row sums to 8, so a constant is kept.
  */
 
-enum { HALO = LS_DEMOSAIC_HALO, CHUNK = 256, LINE = CHUNK + 2 * HALO };
+enum { HALO = LS_DEMOSAIC_HALO, ROWS = 2 * HALO + 1, CHUNK = 256, HALF = CHUNK / 2 + HALO };
 
-/* Five mirrored rows around an output row. */
+/* Five mirrored rows around an output row, their even and odd columns apart: the sites of a colour
+ * and their neighbours then lie side by side. */
 struct lines {
-    float row[2 * HALO + 1][LINE];
+    float side[2][ROWS][HALF];
+};
+
+/* What the filters make of the even or the odd sites of a row: the known colour, the one that its
+ * row has too, the one of the column alone. At red and blue sites "row" is green and "column" the
+ * opposite colour. */
+struct sites {
+    float known[HALF], row[HALF], column[HALF];
 };
 
 static uint32_t mirror(int64_t i, uint32_t n)
@@ -41,79 +49,72 @@ static uint32_t mirror(int64_t i, uint32_t n)
 }
 
 static void load_row(const struct ls_demosaic_source *s, uint32_t x, uint32_t n, uint32_t y,
-                     float *line)
+                     uint32_t k, struct lines *l)
 {
     const float *row = s->data + (size_t)(y - s->window.y) * s->stride;
+    uint32_t first = x < HALO ? HALO - x : 0, end = n + 2 * HALO; /* of what lies in the image */
+    uint32_t inside = s->image_width + HALO - x < end ? s->image_width + HALO - x : end;
+    float line[2 * HALF];
 
-    if (x >= HALO && x + n + HALO <= s->image_width) {
-        memcpy(line, row + (x - HALO - s->window.x), (n + 2 * HALO) * sizeof *line);
-        return;
-    }
-    for (uint32_t i = 0; i < n + 2 * HALO; i++)
+    memcpy(line + first, row + (x + first - HALO - s->window.x), (inside - first) * sizeof *line);
+    for (uint32_t i = 0; i < first; i++)
         line[i] = row[mirror((int64_t)x + i - HALO, s->image_width) - s->window.x];
-}
-
-static inline float cross(const struct lines *l, uint32_t i)
-{
-    return (l->row[1][i] + l->row[3][i]) + (l->row[2][i - 1] + l->row[2][i + 1]);
-}
-
-static inline float diagonals(const struct lines *l, uint32_t i)
-{
-    return (l->row[1][i - 1] + l->row[1][i + 1]) + (l->row[3][i - 1] + l->row[3][i + 1]);
-}
-
-static inline float far_row(const struct lines *l, uint32_t i)
-{
-    return l->row[2][i - 2] + l->row[2][i + 2];
-}
-
-static inline float far_column(const struct lines *l, uint32_t i)
-{
-    return l->row[0][i] + l->row[4][i];
-}
-
-/* A row of output: where each colour goes, and how far apart its pixels are. */
-struct out {
-    float *known, *row, *column; /* red or blue sites: known, green, opposite */
-    size_t step;
-};
-
-static void green_sites(const struct lines *l, uint32_t first, uint32_t n, bool gradient,
-                        struct out o)
-{
-    for (uint32_t p = first; p < n; p += 2) {
-        uint32_t i = p + HALO;
-        float c = l->row[2][i];
-        float h = l->row[2][i - 1] + l->row[2][i + 1], v = l->row[1][i] + l->row[3][i];
-        o.known[p * o.step] = c;
-        if (gradient) {
-            float x = diagonals(l, i), hh = far_row(l, i), vv = far_column(l, i);
-            o.row[p * o.step] = (5 * c + 4 * h - x - hh + 0.5f * vv) * 0.125f;
-            o.column[p * o.step] = (5 * c + 4 * v - x - vv + 0.5f * hh) * 0.125f;
-        } else {
-            o.row[p * o.step] = h * 0.5f;
-            o.column[p * o.step] = v * 0.5f;
-        }
+    for (uint32_t i = inside; i < end; i++)
+        line[i] = row[mirror((int64_t)x + i - HALO, s->image_width) - s->window.x];
+    for (uint32_t i = 0; i < (end + 1) / 2; i++) {
+        l->side[0][k][i] = line[2 * i];
+        l->side[1][k][i] = line[2 * i + 1];
     }
 }
 
-static void colour_sites(const struct lines *l, uint32_t first, uint32_t n, bool gradient,
-                         struct out o)
+/* Site m of a side is its sample m + 1; to its left and right are samples m + side and m + side + 1
+ * of the other one. */
+static void green_sites(const struct lines *restrict l, uint32_t side, uint32_t n, bool gradient,
+                        struct sites *restrict out)
 {
-    for (uint32_t p = first; p < n; p += 2) {
-        uint32_t i = p + HALO;
-        float c = l->row[2][i], near = cross(l, i), x = diagonals(l, i);
-        o.known[p * o.step] = c;
-        if (gradient) {
-            float far = far_row(l, i) + far_column(l, i);
-            o.row[p * o.step] = (4 * c + 2 * near - far) * 0.125f;
-            o.column[p * o.step] = (6 * c + 2 * x - 1.5f * far) * 0.125f;
-        } else {
-            o.row[p * o.step] = near * 0.25f;
-            o.column[p * o.step] = x * 0.25f;
-        }
+    const float(*own)[HALF] = l->side[side], (*other)[HALF] = l->side[1 - side];
+    for (uint32_t m = 0; m < n; m++) {
+        uint32_t left = m + side, right = left + 1;
+        float c = own[2][m + 1];
+        float h = other[2][left] + other[2][right], v = own[1][m + 1] + own[3][m + 1];
+        float x = (other[1][left] + other[1][right]) + (other[3][left] + other[3][right]);
+        float hh = own[2][m] + own[2][m + 2], vv = own[0][m + 1] + own[4][m + 1];
+        out->known[m] = c;
+        out->row[m] = gradient ? (5 * c + 4 * h - x - hh + 0.5f * vv) * 0.125f : h * 0.5f;
+        out->column[m] = gradient ? (5 * c + 4 * v - x - vv + 0.5f * hh) * 0.125f : v * 0.5f;
     }
+}
+
+static void colour_sites(const struct lines *restrict l, uint32_t side, uint32_t n, bool gradient,
+                         struct sites *restrict out)
+{
+    const float(*own)[HALF] = l->side[side], (*other)[HALF] = l->side[1 - side];
+    for (uint32_t m = 0; m < n; m++) {
+        uint32_t left = m + side, right = left + 1;
+        float c = own[2][m + 1];
+        float near = (own[1][m + 1] + own[3][m + 1]) + (other[2][left] + other[2][right]);
+        float x = (other[1][left] + other[1][right]) + (other[3][left] + other[3][right]);
+        float far = (own[2][m] + own[2][m + 2]) + (own[0][m + 1] + own[4][m + 1]);
+        out->known[m] = c;
+        out->row[m] = gradient ? (4 * c + 2 * near - far) * 0.125f : near * 0.25f;
+        out->column[m] = gradient ? (6 * c + 2 * x - 1.5f * far) * 0.125f : x * 0.25f;
+    }
+}
+
+/* One row of a plane from its even and odd sites. */
+static void weave(const float *restrict even, const float *restrict odd, uint32_t n,
+                  float *restrict plane, size_t step)
+{
+    for (uint32_t m = 0; step == 1 && m < n / 2; m++) {
+        plane[2 * m] = even[m];
+        plane[2 * m + 1] = odd[m];
+    }
+    for (uint32_t m = 0; step != 1 && m < n / 2; m++) {
+        plane[2 * m * step] = even[m];
+        plane[(2 * m + 1) * step] = odd[m];
+    }
+    if (n % 2)
+        plane[(n - 1) * step] = even[n / 2];
 }
 
 static void demosaic_row(const struct lines *l, enum ls_cfa cfa, uint32_t x, uint32_t y, uint32_t n,
@@ -121,15 +122,26 @@ static void demosaic_row(const struct lines *l, enum ls_cfa cfa, uint32_t x, uin
 {
     uint32_t green = ls_cfa_channel(cfa, x, y) == 1 ? 0 : 1, colour = 1 - green;
     unsigned own = ls_cfa_channel(cfa, x + colour, y);
+    struct sites site[2]; /* even, odd */
+    const struct sites *g = &site[green], *c = &site[colour];
 
-    green_sites(l, green, n, gradient, (struct out){plane[1], plane[own], plane[2 - own], step});
-    colour_sites(l, colour, n, gradient, (struct out){plane[own], plane[1], plane[2 - own], step});
+    green_sites(l, green, (n + 1 - green) / 2, gradient, &site[green]);
+    colour_sites(l, colour, (n + 1 - colour) / 2, gradient, &site[colour]);
+    const float *part[2][3]; /* of the even and odd sites, by colour */
+    part[green][1] = g->known;
+    part[green][own] = g->row;
+    part[green][2 - own] = g->column;
+    part[colour][1] = c->row;
+    part[colour][own] = c->known;
+    part[colour][2 - own] = c->column;
+    for (int k = 0; k < 3; k++)
+        weave(part[0][k], part[1][k], n, plane[k], step);
 }
 
-static void copy_row(const float *row, uint32_t n, float *const plane[3], size_t step)
+static void copy_row(const struct lines *l, uint32_t n, float *const plane[3], size_t step)
 {
-    for (uint32_t p = 0; p < n; p++)
-        plane[0][p * step] = plane[1][p * step] = plane[2][p * step] = row[p];
+    for (int k = 0; k < 3; k++)
+        weave(&l->side[0][HALO][HALO / 2], &l->side[1][HALO][HALO / 2], n, plane[k], step);
 }
 
 static bool inside(struct ls_demosaic_region inner, struct ls_demosaic_region outer)
@@ -166,10 +178,10 @@ enum ls_err ls_demosaic(const struct ls_demosaic_source *source, struct ls_demos
             size_t to = j * target->row_step + at * target->pixel_step;
             float *const plane[3] = {target->plane[0] + to, target->plane[1] + to,
                                      target->plane[2] + to};
-            for (int k = 0; k <= 2 * HALO; k++)
-                load_row(source, x, n, mirror((int64_t)y + k - HALO, image.height), l.row[k]);
+            for (uint32_t k = 0; k < ROWS; k++)
+                load_row(source, x, n, mirror((int64_t)y + k - HALO, image.height), k, &l);
             if (source->cfa == LS_CFA_NONE)
-                copy_row(&l.row[HALO][HALO], n, plane, target->pixel_step);
+                copy_row(&l, n, plane, target->pixel_step);
             else
                 demosaic_row(&l, source->cfa, x, y, n, method == LS_DEMOSAIC_GRADIENT, plane,
                              target->pixel_step);
