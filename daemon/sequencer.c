@@ -122,7 +122,8 @@ static enum ls_err poll_once(struct run *run)
             ls_camera_thread_until(run->seq->cameras[i].thread, run->safe_us);
         run->safe_us = run->status.now_us;
     }
-    return run->status.state == LS_LIGHTS_FAULT ? LS_ERR_REFUSED : LS_OK;
+    bool runs = run->status.state == LS_LIGHTS_ARMED || run->status.state == LS_LIGHTS_DONE;
+    return runs ? LS_OK : LS_ERR_REFUSED;
 }
 
 static enum ls_err check_stall(struct run *run)
@@ -138,7 +139,8 @@ static enum ls_err grant(struct run *run, uint32_t n_steps)
     enum ls_err err = ls_lights_grant(run->seq->lights, n_steps, run->diag);
     if (!err)
         run->granted = n_steps;
-    return err;
+    enum ls_err why = err == LS_ERR_REFUSED ? poll_once(run) : LS_OK; /* its state says more */
+    return why ? why : err;
 }
 
 static uint32_t credit_limit(const struct run *run, uint32_t *settled)
@@ -375,6 +377,12 @@ static void explain(struct run *run)
                 "the light controller stopped at step %u and latched a fault (%s): clear its "
                 "cause, then resume the take",
                 step, faults);
+    } else if (run->err == LS_ERR_REFUSED && run->granted > 0 &&
+               run->status.state != LS_LIGHTS_ARMED) {
+        ls_fail(run->diag, run->err,
+                "the light controller was blanked by somebody else at step %u: LEDs are dark; "
+                "resume the take",
+                step);
     } else if (run->err == LS_ERR_TIMEOUT && !run->diag->text[0]) {
         ls_fail(run->diag, run->err,
                 "the light controller fired nothing for %.1f s although granted %u steps, %u of "

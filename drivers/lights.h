@@ -209,7 +209,8 @@ LS_MUST_CHECK enum ls_err ls_lights_poll(struct ls_lights *lights, struct ls_lig
 /** All LEDs off, program stopped. Always allowed, idempotent. */
 LS_MUST_CHECK enum ls_err ls_lights_blank(struct ls_lights *lights, struct ls_diag *diag);
 
-/** Blank if still connected, disconnect, free. NULL is allowed. */
+/** Blank if still connected and armed from here, disconnect, free: who only looked leaves another
+ * host's program alone. NULL is allowed. */
 void ls_lights_close(struct ls_lights *lights);
 
 #endif

@@ -16,6 +16,7 @@ struct dome {
     uint32_t boot;       /* of the controller we armed */
     uint16_t arm;        /* its count of arms, then */
     bool armed;          /* boot and arm must hold from now on */
+    bool ours;           /* armed from here and not blanked since */
     uint32_t next_event; /* sequence number */
 };
 
@@ -120,7 +121,7 @@ static enum ls_err command(struct dome *dome, enum ls_wire_command value, const 
 static void dome_close(void *priv)
 {
     struct dome *dome = priv;
-    if (dome->link.connected) {
+    if (dome->link.connected && dome->ours) {
         uint16_t reg = LS_WIRE_BLANK;
         (void)!ls_link_write(&dome->link, LS_WIRE_CONTROL + LS_WIRE_CT_COMMAND, 1, &reg, NULL);
     }
@@ -279,6 +280,7 @@ static enum ls_err dome_arm(void *priv, struct ls_diag *diag)
     if (status[LS_WIRE_ST_STATE] == LS_WIRE_IDLE || status[LS_WIRE_ST_STATE] == LS_WIRE_PREPARING)
         return ls_fail(diag, LS_ERR_STATE, "controller %s has no program: load before arming",
                        dome->info.serial);
+    dome->ours = true;
     err = command(dome, LS_WIRE_ARM, "arming", diag);
     if (!err)
         err = read_status(dome, status, diag);
@@ -361,7 +363,9 @@ static enum ls_err dome_blank(void *priv, struct ls_diag *diag)
     struct dome *dome = priv;
     uint16_t reg = LS_WIRE_BLANK;
     dome->armed = false;
-    return write_again(dome, LS_WIRE_CONTROL + LS_WIRE_CT_COMMAND, 1, &reg, diag);
+    enum ls_err err = write_again(dome, LS_WIRE_CONTROL + LS_WIRE_CT_COMMAND, 1, &reg, diag);
+    dome->ours = dome->ours && err;
+    return err;
 }
 
 const struct ls_lights_ops ls_modbus_lights_ops = {

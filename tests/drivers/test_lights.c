@@ -534,6 +534,22 @@ static void test_restarted(gconstpointer driver)
     dome_stop(&dome);
 }
 
+static void test_close_leaves_others_alone(gconstpointer driver)
+{
+    struct sim_controller_config config = dome_small();
+    struct dome dome = dome_start(&config);
+    struct ls_lights *mine = open_dome(driver, &dome), *other = open_dome(driver, &dome);
+    struct ls_step steps[2];
+    struct ls_program program = small_program(steps, 2);
+    load(mine, &program);
+    arm(mine);
+    g_assert_cmpint(status_of(other).state, ==, LS_LIGHTS_ARMED);
+    ls_lights_close(other);
+    g_assert_cmpint(status_of(mine).state, ==, LS_LIGHTS_ARMED);
+    ls_lights_close(mine);
+    dome_stop(&dome);
+}
+
 static void test_stolen(gconstpointer driver)
 {
     struct sim_controller_config config = dome_small();
@@ -846,6 +862,7 @@ int main(int argc, char **argv)
         {"a-closed-connection-loses-no-event", test_disconnect},
         {"a-restarted-controller-is-noticed", test_restarted},
         {"a-second-host-is-noticed", test_stolen},
+        {"close-leaves-another-host's-program-alone", test_close_leaves_others_alone},
         {"a-dead-controller-times-out-in-bounds", test_dead},
         {"a-controller-that-left-is-gone", test_killed},
         {"a-damaged-upload-is-caught", test_corrupted},
