@@ -24,6 +24,8 @@ import time
 import rig as stage
 
 BUILD = os.path.join(stage.ROOT, "build")
+PROGRAMS = ["sim/lightstage-sim", "daemon/lightstaged", "clients/lightstagectl",
+            "tests/lightstage-judge"]
 ENVIRONMENT = os.path.join(stage.ROOT, "sim", "environment.json")
 
 PLAN = """subject = "still";
@@ -42,7 +44,7 @@ def build():
     say("building")
     if not os.path.exists(os.path.join(BUILD, "build.ninja")):
         stage.call("meson", "setup", BUILD, stage.ROOT)
-    stage.call("ninja", "-C", BUILD, "--quiet", quiet=False)
+    stage.call("ninja", "-C", BUILD, "--quiet", *PROGRAMS, quiet=False)
 
 
 def relight(rig, take, name, *options):
