@@ -81,7 +81,8 @@ enum ls_err sim_sweep_create(const struct sim_scene *scene, uint32_t camera,
     if (!s)
         return ls_fail(diag, LS_ERR_NOMEM, "out of memory for a sweep");
     *s = (struct sim_sweep){.scene = scene, .camera = camera, .n = n};
-    memcpy(s->channel, channels, n * sizeof *channels);
+    for (uint32_t k = 0; k < n; k++)
+        s->channel[k] = channels[k];
     s->channel[n] = 0;
     s->reference = colours(s) == 3 ? 1 : 0;
     if (bounce_all(s)) {

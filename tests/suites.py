@@ -56,7 +56,7 @@ def meson_test(folder, selection, env=None):
     if os.path.exists(log):
         os.remove(log)
     code = call("meson", "test", "-C", folder, "--no-rebuild", "--print-errorlogs",
-                *selection, env=env)
+                "--timeout-multiplier=4", *selection, env=env)
     if not os.path.exists(log):
         return 0, 1, 0, [f"no test ran in {folder}"]
     result = count(folder)

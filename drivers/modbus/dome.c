@@ -351,7 +351,7 @@ static enum ls_err dome_poll(void *priv, struct ls_lights_status *status,
         enum ls_err err = exchange(dome, regs, status, diag);
         if (err)
             return n ? LS_OK : err;
-        got = take_events(dome, regs, events + n, max_events - n);
+        got = max_events ? take_events(dome, regs, events + n, max_events - n) : 0;
         n += got;
         *n_events = n;
     } while (n < max_events && got && regs[LS_WIRE_ST_EVENT_PENDING] > got);
