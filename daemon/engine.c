@@ -11,6 +11,8 @@
 #include <string.h>
 #include <sys/statvfs.h>
 
+static const int64_t probe_remember_us = 1000000, probe_wait_us = 250000;
+
 enum {
     REPORT_PERIOD_MS = 100,
     CALIBRATION_MAX_BYTES = 256 << 20,
@@ -25,6 +27,7 @@ struct ls_engine {
     ls_take_callback *callback;
     void *user;
     GMainContext *main;
+    struct ls_probe *probe; /* released before anybody else opens a device */
     struct ls_take *take; /* NULL: none runs */
     GThread *thread;
     GSource *timer;
@@ -62,7 +65,9 @@ enum ls_err ls_engine_create(const struct ls_config *config, ls_take_callback *c
     e->callback = callback;
     e->user = user;
     e->main = g_main_context_ref_thread_default();
-    enum ls_err err = load_calibration(e, diag);
+    e->probe = ls_probe_create(config, probe_remember_us, probe_wait_us);
+    enum ls_err err = e->probe ? load_calibration(e, diag)
+                               : ls_fail(diag, LS_ERR_NOMEM, "out of memory");
     if (err) {
         ls_engine_destroy(e);
         return err;
@@ -163,7 +168,10 @@ static enum ls_err check_token(const char *token, struct ls_diag *diag)
 enum ls_err ls_engine_preflight(struct ls_engine *e, const char *plan_text,
                                 struct ls_preflight *out, struct ls_diag *diag)
 {
-    return e->take ? busy(e, diag) : ls_take_preflight(&e->context, plan_text, out, diag);
+    if (e->take)
+        return busy(e, diag);
+    ls_probe_release(e->probe);
+    return ls_take_preflight(&e->context, plan_text, out, diag);
 }
 
 enum ls_err ls_engine_start(struct ls_engine *e, const char *name, const char *plan_text,
@@ -176,6 +184,7 @@ enum ls_err ls_engine_start(struct ls_engine *e, const char *name, const char *p
         return err;
     if (e->take)
         return busy(e, diag);
+    ls_probe_release(e->probe);
     err = ls_take_create(&e->context, name, plan_text, &take, diag);
     if (!err)
         launch(e, take, token);
@@ -191,6 +200,7 @@ enum ls_err ls_engine_resume(struct ls_engine *e, const char *take_id, const cha
         return err;
     if (e->take)
         return busy(e, diag);
+    ls_probe_release(e->probe);
     err = ls_take_reopen(&e->context, take_id, &take, diag);
     if (!err)
         launch(e, take, token);
@@ -211,6 +221,7 @@ enum ls_err ls_engine_blank(struct ls_engine *e, struct ls_diag *diag)
         ls_take_abort(e->take); /* the sequencer blanks first of all */
         return LS_OK;
     }
+    ls_probe_release(e->probe);
     struct ls_lights *lights;
     enum ls_err err = ls_lights_open(&e->config->lights_driver, &lights, diag);
     if (err)
@@ -218,32 +229,6 @@ enum ls_err ls_engine_blank(struct ls_engine *e, struct ls_diag *diag)
     err = ls_lights_blank(lights, diag);
     ls_lights_close(lights);
     return err;
-}
-
-static void probe_lights(const struct ls_engine *e, struct ls_engine_status *out)
-{
-    struct ls_lights *lights;
-    struct ls_step_event event;
-    size_t n_events;
-    if (ls_lights_open(&e->config->lights_driver, &lights, NULL))
-        return;
-    snprintf(out->lights_serial, sizeof out->lights_serial, "%s", ls_lights_info(lights)->serial);
-    out->lights_connected = !ls_lights_poll(lights, &out->lights, &event, 1, &n_events, NULL);
-    ls_lights_close(lights);
-}
-
-static void probe_camera(const struct ls_engine *e, uint32_t i, struct ls_engine_status *out)
-{
-    struct ls_camera *camera;
-    if (ls_camera_open(&e->config->cameras[i].driver, &camera, NULL))
-        return;
-    const struct ls_camera_info *info = ls_camera_info(camera);
-    out->cameras[i].connected = true;
-    snprintf(out->cameras[i].model, sizeof out->cameras[i].model, "%s", info->model);
-    snprintf(out->cameras[i].serial, sizeof out->cameras[i].serial, "%s", info->serial);
-    snprintf(out->cameras[i].unverified, sizeof out->cameras[i].unverified, "%s", info->unverified);
-    out->cameras[i].packet_socket = info->packet_socket;
-    ls_camera_close(camera);
 }
 
 void ls_engine_status(struct ls_engine *e, struct ls_engine_status *out)
@@ -255,14 +240,12 @@ void ls_engine_status(struct ls_engine *e, struct ls_engine_status *out)
         out->disk_free_bytes = (uint64_t)fs.f_bavail * fs.f_frsize;
     snprintf(out->calibration, sizeof out->calibration, "%s", e->calibration ? "given" : "none");
     if (e->take) { /* the take holds the devices */
-        out->lights_connected = true;
+        out->devices.lights_connected = true;
         for (uint32_t i = 0; i < e->config->n_cameras; i++)
-            out->cameras[i].connected = true;
+            out->devices.cameras[i].connected = true;
         return;
     }
-    probe_lights(e, out);
-    for (uint32_t i = 0; i < e->config->n_cameras; i++)
-        probe_camera(e, i, out);
+    ls_probe_look(e->probe, &out->devices);
 }
 
 const struct ls_config *ls_engine_config(const struct ls_engine *e)
@@ -286,6 +269,7 @@ void ls_engine_destroy(struct ls_engine *e)
     while (g_main_context_find_source_by_user_data(e->main, e))
         g_source_destroy(g_main_context_find_source_by_user_data(e->main, e));
     g_main_context_unref(e->main);
+    ls_probe_destroy(e->probe);
     ls_calibration_destroy(e->calibration);
     free(e->calibration_json);
     free(e);

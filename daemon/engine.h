@@ -10,6 +10,7 @@
 #include "core/error.h"
 #include "daemon/capture.h"
 #include "daemon/config.h"
+#include "daemon/probe.h"
 
 #include <stdbool.h>
 #include <stdint.h>
@@ -37,12 +38,8 @@ struct ls_take_status {
 };
 
 struct ls_engine_status {
-    bool lights_connected;
-    char lights_serial[32];
-    struct ls_lights_status lights;
     uint32_t n_cameras;
-    struct { bool connected; char model[64], serial[64], unverified[512]; bool packet_socket; }
-        cameras[LS_MAX_CAMERAS];
+    struct ls_devices devices;
     char privileges[256]; /* missing ones and what they would help, or "" */
     uint64_t disk_free_bytes;
     char calibration[64]; /* "given", "none" */
@@ -70,7 +67,10 @@ LS_MUST_CHECK enum ls_err ls_engine_create(const struct ls_config *config,
 /** Ends a running take (LEDs dark, what is stored stays) and frees. NULL is allowed. */
 void ls_engine_destroy(struct ls_engine *engine);
 
-/** Probes devices that are not connected unless a take is running. */
+/** While a take runs its devices count as connected. Else they are asked, at most once a second and
+ * on another thread: returns within 250 ms (3 s if nothing is known: after the start, a take and
+ * the calls below) with what is known by then. A device that is being asked keeps the calls below
+ * waiting until it has answered or timed out. */
 void ls_engine_status(struct ls_engine *engine, struct ls_engine_status *out);
 
 /** Errors: LS_ERR_INVALID, LS_ERR_LIMIT, LS_ERR_REFUSED (flashing), LS_ERR_FULL, LS_ERR_GONE. */

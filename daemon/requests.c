@@ -65,13 +65,13 @@ static void fill_lights(Lightstage__LightsStatus *out, struct ls_engine_status *
                         char *faults[8])
 {
     lightstage__lights_status__init(out);
-    out->connected = status->lights_connected;
-    out->serial = status->lights_serial;
-    out->state = (char *)lights_state_name(status->lights.state);
-    out->n_faults = fault_names(status->lights.faults, faults);
+    out->connected = status->devices.lights_connected;
+    out->serial = status->devices.lights_serial;
+    out->state = (char *)lights_state_name(status->devices.lights.state);
+    out->n_faults = fault_names(status->devices.lights.faults, faults);
     out->faults = faults;
-    out->temperature_c = status->lights.temperature_c;
-    out->missed_triggers = status->lights.missed_triggers;
+    out->temperature_c = status->devices.lights.temperature_c;
+    out->missed_triggers = status->devices.lights.missed_triggers;
 }
 
 static void handle_status(const struct call *call)
@@ -93,13 +93,13 @@ static void handle_status(const struct call *call)
     for (uint32_t i = 0; i < status.n_cameras && i < LS_MAX_CAMERAS; i++) {
         pointers[body.n_cameras++] = &cameras[i];
         lightstage__camera_status__init(&cameras[i]);
-        cameras[i].connected = status.cameras[i].connected;
+        cameras[i].connected = status.devices.cameras[i].connected;
         if (i < config->n_cameras && config->cameras[i].name)
             cameras[i].name = config->cameras[i].name;
-        cameras[i].model = status.cameras[i].model;
-        cameras[i].serial = status.cameras[i].serial;
-        cameras[i].unverified = status.cameras[i].unverified;
-        cameras[i].packet_socket = status.cameras[i].packet_socket;
+        cameras[i].model = status.devices.cameras[i].model;
+        cameras[i].serial = status.devices.cameras[i].serial;
+        cameras[i].unverified = status.devices.cameras[i].unverified;
+        cameras[i].packet_socket = status.devices.cameras[i].packet_socket;
     }
     body.cameras = pointers;
     body.privileges = status.privileges;

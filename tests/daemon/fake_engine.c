@@ -58,14 +58,14 @@ void ls_engine_destroy(struct ls_engine *engine)
 void ls_engine_status(struct ls_engine *engine, struct ls_engine_status *out)
 {
     memset(out, 0, sizeof *out);
-    out->lights_connected = true;
-    snprintf(out->lights_serial, sizeof out->lights_serial, "DOME-1");
-    out->lights.state = LS_LIGHTS_IDLE;
-    out->lights.temperature_c = 31;
-    out->lights.faults = LS_FAULT_INTERLOCK;
+    out->devices.lights_connected = true;
+    snprintf(out->devices.lights_serial, sizeof out->devices.lights_serial, "DOME-1");
+    out->devices.lights.state = LS_LIGHTS_IDLE;
+    out->devices.lights.temperature_c = 31;
+    out->devices.lights.faults = LS_FAULT_INTERLOCK;
     out->n_cameras = 1;
-    out->cameras[0].connected = true;
-    snprintf(out->cameras[0].model, sizeof out->cameras[0].model, "M");
+    out->devices.cameras[0].connected = true;
+    snprintf(out->devices.cameras[0].model, sizeof out->devices.cameras[0].model, "M");
     snprintf(out->calibration, sizeof out->calibration, "given");
     out->disk_free_bytes = 5000000000;
     out->take = engine->take;
