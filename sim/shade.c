@@ -112,8 +112,8 @@ static float segment_distance2(struct sim_vec p, struct sim_vec a, struct sim_ve
 
 /*
  * Could a rectangle stand between the light and some point of the tile? With the tile in a sphere
- * of radius r around c, its plane at a distance of h from c and, on the other side, g from the light
- * L, the ray from c crosses the plane at c + t (L - c), t = h / (h + g); the ray from c + e,
+ * of radius r around c, its plane at a distance of h from c and, on the other side, g from the
+ * light L, the ray from c crosses the plane at c + t (L - c), t = h / (h + g); the ray from c + e,
  * |e| <= r, no farther from there than r + |t' - t| |L - c|, t' the same for h - r or h + r.
  */
 static int quad_between(const struct sim_body *quad, const struct sim_tile *tile,
@@ -187,7 +187,8 @@ static float microfacet(const struct sim_surface *surface, float nl, float nv, f
 static float analysed(struct sim_vec e, struct sim_vec a, struct sim_vec s, struct sim_vec p_in,
                       struct sim_vec p_out, struct fresnel f)
 {
-    float amplitude = f.s * sim_dot(e, s) * sim_dot(s, a) + f.p * sim_dot(e, p_in) * sim_dot(p_out, a);
+    float amplitude =
+        f.s * sim_dot(e, s) * sim_dot(s, a) + f.p * sim_dot(e, p_in) * sim_dot(p_out, a);
     return amplitude * amplitude;
 }
 
@@ -206,16 +207,16 @@ static void reflect(const struct sim_surface *surface, const struct lamp *lamp,
     float across = sim_length(s);
     s = across > 1e-4f ? sim_mul(s, 1 / across) : sim_upright(l, lamp->upright);
     struct sim_vec p_in = sim_cross(in, s), p_out = sim_cross(v, s);
-    struct sim_vec vertical = sim_upright(l, lamp->upright), analyser = sim_upright(v, tile->camera_up);
+    struct sim_vec vertical = sim_upright(l, lamp->upright),
+                   analyser = sim_upright(v, tile->camera_up);
     float pv = power * analysed(vertical, analyser, s, p_in, p_out, f);
     float ph = power * analysed(sim_cross(l, vertical), analyser, s, p_in, p_out, f);
     float grazing = 1 - vh;
     terms->specular[SIM_CHANNEL_SPECTRUM][k] = pv + ph;
     terms->specular[SIM_CHANNEL_VERTICAL][k] = pv;
     terms->specular[SIM_CHANNEL_HORIZONTAL][k] = ph;
-    terms->flat[k] = surface->finish == SIM_COATED
-                         ? 1
-                         : grazing * grazing * grazing * grazing * grazing;
+    terms->flat[k] =
+        surface->finish == SIM_COATED ? 1 : grazing * grazing * grazing * grazing * grazing;
 }
 
 static int shade_pixel(const struct sim_subject *subject, const struct lamp *lamp,

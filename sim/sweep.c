@@ -9,9 +9,9 @@ enum { OWN_COLOUR = -1 };
 
 struct sim_sweep {
     const struct sim_scene *scene;
-    uint32_t camera, n, reference; /* colour in which the specular share is taken */
+    uint32_t camera, n, reference;          /* colour in which the specular share is taken */
     uint32_t channel[SIM_MAX_CHANNELS + 1]; /* the last one is white, for the specular share */
-    float *nodes; /* [light][channel, n + 1][node * colours] */
+    float *nodes;                           /* [light][channel, n + 1][node * colours] */
 };
 
 struct tile {

@@ -22,7 +22,7 @@ struct sums {
     uint32_t n_pictures;
     enum part part;
     float *out, *some; /* of the whole, of the part */
-    float *nodes; /* [picture][node * colours] */
+    float *nodes;      /* [picture][node * colours] */
     uint32_t tiles_x, n_tiles;
     _Atomic uint32_t next_tile;
     _Atomic int failed;
@@ -275,9 +275,9 @@ static void integrate_lobes(const struct sim_geometry *g, const struct ls_lobe *
         sim_geometry_fibonacci(k, n_directions, d);
         uint32_t light = sim_geometry_nearest(g, d);
         for (uint32_t lobe = 0; lobe < n; lobe++)
-            weights[(size_t)lobe * g->n_lights + light] += (float)(
-                ls_lobe_radiance(&lobes[lobe], (const double[3]){d[0], d[1], d[2]}) * 4 * M_PI /
-                n_directions);
+            weights[(size_t)lobe * g->n_lights + light] +=
+                (float)(ls_lobe_radiance(&lobes[lobe], (const double[3]){d[0], d[1], d[2]}) * 4 *
+                        M_PI / n_directions);
     }
 }
 

@@ -17,12 +17,12 @@ struct block {
     struct sim_sweep_region *truth;
     float *room;
     double *sums;
-    float *mosaic;             /* [spectrum][window], true */
-    float *stored, *specular;  /* [window] */
-    float *ratio;              /* [spectrum][colour][pixels] */
-    float *white, *rgb;        /* [colour][pixels]: photographed; true in one spectrum */
-    float *difference, *total; /* [pixels], squares of one light */
-    double *difference_sum, *total_sum;                /* [pixels], of all lights */
+    float *mosaic;                      /* [spectrum][window], true */
+    float *stored, *specular;           /* [window] */
+    float *ratio;                       /* [spectrum][colour][pixels] */
+    float *white, *rgb;                 /* [colour][pixels]: photographed; true in one spectrum */
+    float *difference, *total;          /* [pixels], squares of one light */
+    double *difference_sum, *total_sum; /* [pixels], of all lights */
     double *black_relit, *black_true, *black_variance; /* [pixels], mosaic */
 };
 
@@ -49,7 +49,7 @@ static void load_span(const struct ls_field *f, const struct ls_picture *picture
     uint32_t left = f->width - tx * LS_TILE_SIDE;
     uint32_t tile_width = left < LS_TILE_SIDE ? left : LS_TILE_SIDE;
     const uint8_t *tile = picture->tiles[ty * ls_field_tiles_x(f) + tx];
-    uint16_t half[LS_TILE_SIDE] = { 0 };
+    uint16_t half[LS_TILE_SIDE] = {0};
     if (tile)
         memcpy(half, tile + 2 * ((y % LS_TILE_SIDE) * tile_width + x0 % LS_TILE_SIDE),
                2 * (x1 - x0));
@@ -71,14 +71,14 @@ void judge_load(const struct ls_field *f, const struct ls_picture *picture,
 static enum ls_err demosaic(const struct ls_field *f, const struct block *b, const float *mosaic,
                             float *rgb)
 {
-    const struct ls_demosaic_source source = { .data = mosaic,
-                                               .stride = b->window.width,
-                                               .window = b->window,
-                                               .image_width = f->width,
-                                               .image_height = f->height,
-                                               .cfa = f->cfa };
-    const struct ls_demosaic_target target = { { rgb, rgb + b->n, rgb + 2 * b->n }, 1,
-                                               b->pixels.width };
+    const struct ls_demosaic_source source = {.data = mosaic,
+                                              .stride = b->window.width,
+                                              .window = b->window,
+                                              .image_width = f->width,
+                                              .image_height = f->height,
+                                              .cfa = f->cfa};
+    const struct ls_demosaic_target target = {
+        {rgb, rgb + b->n, rgb + 2 * b->n}, 1, b->pixels.width};
     return ls_demosaic(&source, b->pixels, LS_DEMOSAIC_GRADIENT, &target);
 }
 
@@ -93,7 +93,7 @@ static size_t overlap(const struct block *b, const struct sim_sample *r,
     y1 = y1 < p->y + p->height ? y1 : p->y + p->height;
     if (x0 >= x1 || y0 >= y1)
         return 0;
-    *out = (struct ls_demosaic_region){ x0, y0, x1 - x0, y1 - y0 };
+    *out = (struct ls_demosaic_region){x0, y0, x1 - x0, y1 - y0};
     return area(out);
 }
 
@@ -113,8 +113,8 @@ static const float *ratio_of(const struct block *b, uint32_t spectrum)
     return b->ratio + spectrum * JUDGE_COLOURS * b->n;
 }
 
-static void add_sample(const struct block *b, const struct ls_demosaic_region *r,
-                       uint32_t spectrum, struct judge_sample_sum *sum)
+static void add_sample(const struct block *b, const struct ls_demosaic_region *r, uint32_t spectrum,
+                       struct judge_sample_sum *sum)
 {
     const float *ratio = ratio_of(b, spectrum);
     for (uint32_t y = r->y; y < r->y + r->height; y++)
@@ -288,8 +288,7 @@ static float *carve(float **from, size_t n)
 static enum ls_err allocate(const struct judge_comparison *s, struct block *b)
 {
     size_t n = b->n, colour = JUDGE_COLOURS * n, spectra = s->field->n_spectra;
-    b->room = calloc((spectra + 2) * b->n_window + (spectra + 2) * colour + 2 * n,
-                     sizeof *b->room);
+    b->room = calloc((spectra + 2) * b->n_window + (spectra + 2) * colour + 2 * n, sizeof *b->room);
     b->sums = calloc(5 * n, sizeof *b->sums);
     if (!b->room || !b->sums)
         return LS_ERR_NOMEM;
@@ -317,7 +316,7 @@ static enum ls_err open_block(const struct judge_comparison *s, uint32_t index, 
     uint32_t x = index % blocks_x(f) * BLOCK_WIDTH, y = index / blocks_x(f) * BLOCK_HEIGHT;
     uint32_t width = f->width - x < BLOCK_WIDTH ? f->width - x : BLOCK_WIDTH;
     uint32_t height = f->height - y < BLOCK_HEIGHT ? f->height - y : BLOCK_HEIGHT;
-    *b = (struct block){ .pixels = { x, y, width, height } };
+    *b = (struct block){.pixels = {x, y, width, height}};
     b->window = ls_demosaic_needs(b->pixels, f->width, f->height);
     b->n = area(&b->pixels);
     b->n_window = area(&b->window);
@@ -328,8 +327,8 @@ static enum ls_err open_block(const struct judge_comparison *s, uint32_t index, 
     if (err)
         return ls_fail(diag, err, "out of memory for a block of %u x %u pixels", width, height);
     load_ratios(s, b);
-    const struct sim_region window = { s->judge->source->camera, b->window.x, b->window.y,
-                                       b->window.width, b->window.height };
+    const struct sim_region window = {s->judge->source->camera, b->window.x, b->window.y,
+                                      b->window.width, b->window.height};
     return sim_sweep_open(s->truth, &window, &b->truth, diag);
 }
 

@@ -39,7 +39,7 @@ struct worker {
 static void *work(void *data)
 {
     struct worker *w = data;
-    struct ls_diag diag = { 0 };
+    struct ls_diag diag = {0};
     for (uint32_t index; take_block(w->sweep, &index);) {
         enum ls_err err = judge_compare_block(&w->sweep->comparison, index, w->tally, &diag);
         if (!err)
@@ -59,7 +59,7 @@ static enum ls_err run_threads(struct sweep *s)
     int started = 0;
     pthread_mutex_init(&s->lock, NULL);
     for (; started < THREADS; started++) {
-        workers[started] = (struct worker){ s, &s->tally[started] };
+        workers[started] = (struct worker){s, &s->tally[started]};
         if (pthread_create(&threads[started], NULL, work, &workers[started]))
             break;
     }
@@ -97,12 +97,13 @@ static void add_tally(const struct sweep *s, struct judge_tally *to, const struc
 }
 
 /* A sample's means over its pixels. */
-static struct judge_sample_sum sample_mean(const struct sweep *s, uint32_t light,
-                                           uint32_t spectrum, uint32_t sample)
+static struct judge_sample_sum sample_mean(const struct sweep *s, uint32_t light, uint32_t spectrum,
+                                           uint32_t sample)
 {
     const struct sim_sample *r = &s->comparison.samples[sample];
     struct judge_sample_sum mean =
-        s->tally[0].samples[((size_t)light * s->field->n_spectra + spectrum) * SIM_SAMPLES + sample];
+        s->tally[0]
+            .samples[((size_t)light * s->field->n_spectra + spectrum) * SIM_SAMPLES + sample];
     for (int c = 0; c < JUDGE_COLOURS; c++) {
         mean.promoted[c] /= (double)r->width * r->height;
         mean.truth[c] /= (double)r->width * r->height;
@@ -159,7 +160,7 @@ static double olat_mae(const struct sweep *s)
 /* Relit through one spectrum only, each light weighted by the environment's mean radiance. */
 static double promotion(const struct sweep *s, uint32_t spectrum, const double *weights)
 {
-    double promoted[SIM_SAMPLES][JUDGE_COLOURS] = { 0 }, truth[SIM_SAMPLES][JUDGE_COLOURS] = { 0 };
+    double promoted[SIM_SAMPLES][JUDGE_COLOURS] = {0}, truth[SIM_SAMPLES][JUDGE_COLOURS] = {0};
     for (uint32_t i = 0; i < s->field->n_lights; i++)
         for (uint32_t j = 0; j < SIM_SAMPLES; j++) {
             struct judge_sample_sum v = sample_mean(s, i, spectrum, j);
@@ -181,14 +182,14 @@ static enum ls_err mean_weights(const struct judge *judge, double *weights, stru
 {
     const struct ls_field *f = &judge->source->field;
     double *cells = calloc((size_t)f->n_lights * judge->lobes->n, sizeof *cells);
-    enum ls_err err = cells ? ls_envlights_lobes(f->directions, f->n_lights, NULL, judge->lobes,
-                                                 cells, diag)
-                            : LS_ERR_NOMEM;
+    enum ls_err err =
+        cells ? ls_envlights_lobes(f->directions, f->n_lights, NULL, judge->lobes, cells, diag)
+              : LS_ERR_NOMEM;
     for (uint32_t i = 0; i < f->n_lights && !err; i++) {
         weights[i] = 0;
         for (size_t l = 0; l < judge->lobes->n; l++)
-            weights[i] += cells[i * judge->lobes->n + l] *
-                          ls_spectrum_mean(&judge->lobes->item[l].spectrum);
+            weights[i] +=
+                cells[i * judge->lobes->n + l] * ls_spectrum_mean(&judge->lobes->item[l].spectrum);
     }
     free(cells);
     return err;
@@ -265,8 +266,8 @@ static enum ls_err open_tallies(struct sweep *s, struct ls_diag *diag)
 static enum ls_err find_bounced(struct sweep *s, struct ls_diag *diag)
 {
     const struct judge *judge = s->comparison.judge;
-    const struct sim_region whole = { judge->source->camera, 0, 0, s->field->width,
-                                      s->field->height };
+    const struct sim_region whole = {judge->source->camera, 0, 0, s->field->width,
+                                     s->field->height};
     s->bounced = calloc((size_t)whole.width * whole.height, sizeof *s->bounced);
     s->comparison.bounced = s->bounced;
     return s->bounced ? sim_truth_bounced(judge->scene, &whole, s->bounced, diag)
@@ -304,7 +305,7 @@ enum ls_err judge_field_errors(const struct judge *judge, struct judge_field_err
                                struct ls_diag *diag)
 {
     const struct ls_field *field = &judge->source->field;
-    struct sweep s = { .comparison = { .judge = judge, .field = field }, .field = field };
+    struct sweep s = {.comparison = {.judge = judge, .field = field}, .field = field};
     enum ls_err err = prepare(&s, diag);
     if (!err && run_threads(&s))
         err = ls_fail(diag, s.err, "%s", s.diag.text);

@@ -9,11 +9,10 @@ enum { TRUTH_DIRECTIONS = 200000, IMAGE_LIMIT_BYTES = 1 << 30 };
 
 static enum ls_err demosaic(const struct ls_field *f, const float *mosaic, struct ls_image *image)
 {
-    const struct ls_demosaic_region all = { 0, 0, f->width, f->height };
-    const struct ls_demosaic_source source = { mosaic, f->width, all, f->width, f->height, f->cfa };
+    const struct ls_demosaic_region all = {0, 0, f->width, f->height};
+    const struct ls_demosaic_source source = {mosaic, f->width, all, f->width, f->height, f->cfa};
     const struct ls_demosaic_target target = {
-        { image->pixels, image->pixels + 1, image->pixels + 2 }, 3, 3 * (size_t)f->width
-    };
+        {image->pixels, image->pixels + 1, image->pixels + 2}, 3, 3 * (size_t)f->width};
     return ls_demosaic(&source, all, LS_DEMOSAIC_GRADIENT, &target);
 }
 
@@ -35,11 +34,11 @@ static enum ls_err through_mosaic(const struct ls_field *f, struct ls_image *ima
 enum ls_err judge_true_picture(const struct judge *judge, struct ls_image *image,
                                struct ls_image *specular, struct ls_diag *diag)
 {
-    const struct sim_region region = { judge->source->camera, 0, 0, judge->source->width,
-                                       judge->source->height };
-    struct ls_image out = { 0 }, share = { 0 };
-    enum ls_err err = ls_image_init(&out, region.width, region.height, JUDGE_COLOURS,
-                                    IMAGE_LIMIT_BYTES, diag);
+    const struct sim_region region = {judge->source->camera, 0, 0, judge->source->width,
+                                      judge->source->height};
+    struct ls_image out = {0}, share = {0};
+    enum ls_err err =
+        ls_image_init(&out, region.width, region.height, JUDGE_COLOURS, IMAGE_LIMIT_BYTES, diag);
     if (!err)
         err = ls_image_init(&share, region.width, region.height, 1, IMAGE_LIMIT_BYTES, diag);
     if (!err)
@@ -79,12 +78,12 @@ enum ls_err judge_picture_error(const struct ls_image *relit, const struct ls_im
 static enum ls_err view(const struct ls_field *f, const struct ls_picture *picture,
                         struct ls_image *out, struct ls_diag *diag)
 {
-    const struct ls_demosaic_region all = { 0, 0, f->width, f->height };
+    const struct ls_demosaic_region all = {0, 0, f->width, f->height};
     LS_CLEANUP_FREE float *mosaic = malloc((size_t)f->width * f->height * sizeof *mosaic);
     if (!mosaic)
         return ls_fail(diag, LS_ERR_NOMEM, "out of memory for a mosaic");
-    enum ls_err err = ls_image_init(out, f->width, f->height, JUDGE_COLOURS, IMAGE_LIMIT_BYTES,
-                                    diag);
+    enum ls_err err =
+        ls_image_init(out, f->width, f->height, JUDGE_COLOURS, IMAGE_LIMIT_BYTES, diag);
     if (err)
         return err;
     judge_load(f, picture, &all, mosaic);
@@ -94,7 +93,7 @@ static enum ls_err view(const struct ls_field *f, const struct ls_picture *pictu
 /* The light whose direction is closest to camera-left, above, in front. */
 static uint32_t key_light(const struct ls_field *f)
 {
-    static const float wanted[3] = { -0.58f, 0.58f, 0.58f };
+    static const float wanted[3] = {-0.58f, 0.58f, 0.58f};
     uint32_t best = 0;
     float nearest = -2;
     for (uint32_t i = 0; i < f->n_lights; i++) {
