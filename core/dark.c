@@ -1,10 +1,12 @@
 #include "core/dark.h"
 
+#include "core/sample.h"
+
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
 
-enum { BLOCK = 256, FRAMES_MAX = 65536, SAMPLES_MAX = 1 << 17 };
+enum { BLOCK = 256, FRAMES_MAX = 65536 };
 
 struct ls_dark {
     const struct ls_pixel_format *format;
@@ -108,37 +110,18 @@ enum ls_err ls_dark_variance(const struct ls_dark *d, float *variance_dn2)
     return LS_OK;
 }
 
-static int compare_floats(const void *a, const void *b)
-{
-    float x = *(const float *)a, y = *(const float *)b;
-    return (x > y) - (x < y);
-}
-
-static float median(float *values, size_t n)
-{
-    qsort(values, n, sizeof *values, compare_floats);
-    return (values[(n - 1) / 2] + values[n / 2]) / 2;
-}
-
-/* A step through the image that takes at most SAMPLES_MAX pixels; odd, so that it meets every
- * phase of the colour filter. */
-static size_t sample_step(size_t n)
-{
-    return (n / SAMPLES_MAX + 1) | 1;
-}
-
 /* Variance above which a pixel is noisier than chance allows; a floor of 4 DN^2 keeps quantised
  * variances (median 0) from being called noise. */
 static enum ls_err variance_limit(const struct ls_dark *d, float *limit)
 {
-    LS_CLEANUP_FREE float *sample = malloc(SAMPLES_MAX * sizeof *sample);
+    LS_CLEANUP_FREE float *sample = malloc(LS_SAMPLES_MAX * sizeof *sample);
     size_t n = 0;
 
     if (!sample)
         return LS_ERR_NOMEM;
-    for (size_t p = 0, end = pixels(d), step = sample_step(end); p < end; p += step)
+    for (size_t p = 0, end = pixels(d), step = ls_sample_step(end); p < end; p += step)
         sample[n++] = variance_of(d, p);
-    *limit = fmaxf(36 * median(sample, n), 4);
+    *limit = fmaxf(36 * ls_median(sample, n), 4);
     return LS_OK;
 }
 

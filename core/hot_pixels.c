@@ -1,10 +1,12 @@
 #include "core/hot_pixels.h"
 
+#include "core/sample.h"
+
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
 
-enum { NEIGHBOURS = 8, SAMPLES_MAX = 1 << 17 };
+enum { NEIGHBOURS = 8 };
 
 struct image {
     const float *mean;
@@ -33,43 +35,25 @@ static void neighbours(const struct image *m, uint32_t x, uint32_t y, float out[
     }
 }
 
-static int compare_floats(const void *a, const void *b)
-{
-    float x = *(const float *)a, y = *(const float *)b;
-    return (x > y) - (x < y);
-}
-
-static float median(float *values, size_t n)
-{
-    qsort(values, n, sizeof *values, compare_floats);
-    return (values[(n - 1) / 2] + values[n / 2]) / 2;
-}
-
-/* Odd, so that the samples meet every colour. */
-static size_t sample_step(size_t n)
-{
-    return (n / SAMPLES_MAX + 1) | 1;
-}
-
 static float hot_threshold(const struct image *m, float *sample)
 {
     size_t n = 0, end = (size_t)m->width * m->height;
 
-    for (size_t p = 0; p < end; p += sample_step(end)) {
+    for (size_t p = 0; p < end; p += ls_sample_step(end)) {
         float around[NEIGHBOURS];
         neighbours(m, (uint32_t)(p % m->width), (uint32_t)(p / m->width), around);
-        sample[n++] = fabsf(m->mean[p] - median(around, NEIGHBOURS));
+        sample[n++] = fabsf(m->mean[p] - ls_median(around, NEIGHBOURS));
     }
-    return fmaxf(8 * 1.4826f * median(sample, n), 1);
+    return fmaxf(8 * 1.4826f * ls_median(sample, n), 1);
 }
 
 static float noisy_threshold(const float *variance, size_t end, float *sample)
 {
     size_t n = 0;
 
-    for (size_t p = 0; p < end; p += sample_step(end))
+    for (size_t p = 0; p < end; p += ls_sample_step(end))
         sample[n++] = variance[p];
-    return fmaxf(36 * median(sample, n), 4);
+    return fmaxf(36 * ls_median(sample, n), 4);
 }
 
 static int is_hot(const struct image *m, uint32_t x, uint32_t y, float threshold)
@@ -116,7 +100,7 @@ enum ls_err ls_hot_pixels(const float *mean_dn, const float *variance_dn2, enum 
                           uint32_t width, uint32_t height, struct ls_pixel_list *list)
 {
     struct image m = {mean_dn, width, height, ls_cfa_period_px(cfa)};
-    LS_CLEANUP_FREE float *sample = malloc(SAMPLES_MAX * sizeof *sample);
+    LS_CLEANUP_FREE float *sample = malloc(LS_SAMPLES_MAX * sizeof *sample);
 
     *list = (struct ls_pixel_list){0};
     if (!sample)

@@ -1,6 +1,7 @@
 #include "daemon/store.h"
 
 #include "daemon/journal.h"
+#include "daemon/realtime.h"
 #include "daemon/store_writer.h"
 #include "daemon/take_head.h"
 #include "daemon/takedir.h"
@@ -24,13 +25,6 @@ struct ls_store {
     GHashTable *published; /* "cam<k>/<condition>"; under the writer's lock */
 };
 
-static uint64_t raw_clock_ns(void)
-{
-    struct timespec t;
-    clock_gettime(CLOCK_MONOTONIC_RAW, &t);
-    return (uint64_t)t.tv_sec * 1000000000 + (uint64_t)t.tv_nsec;
-}
-
 enum ls_err ls_store_ticket(struct ls_store *store, const struct ls_ticket *ticket,
                             struct ls_diag *diag)
 {
@@ -50,7 +44,7 @@ enum ls_err ls_store_alarm(struct ls_store *store, const char *text, struct ls_d
     struct ls_store_item *item = ls_store_item_new(LS_ITEM_ALARM, diag);
     if (!item)
         return LS_ERR_NOMEM;
-    enum ls_err err = ls_journal_add_alarm(&item->record, raw_clock_ns(), text);
+    enum ls_err err = ls_journal_add_alarm(&item->record, ls_host_ns(), text);
     if (!err)
         return ls_store_writer_enqueue(&store->writer, item, diag);
     ls_store_item_free(item);
@@ -190,7 +184,7 @@ enum ls_err ls_store_set_state(struct ls_store *store, const struct ls_store_end
     item->bytes = (uint8_t *)text;
     item->n = strlen(text);
     strcpy(item->file, "take.json");
-    err = ls_journal_add_state(&item->record, raw_clock_ns(), ls_store_state_name(end->state));
+    err = ls_journal_add_state(&item->record, ls_host_ns(), ls_store_state_name(end->state));
     if (err) {
         ls_store_item_free(item);
         return ls_fail(diag, err, "no memory for a state");

@@ -192,14 +192,8 @@ void sim_camera_pulse(struct sim_camera *c, uint64_t true_ns, double pulse_us, u
 static void wait_until(struct sim_camera *c, uint64_t true_ns)
 {
     pthread_mutex_lock(&c->lock);
-    for (uint64_t now = sim_now_ns(); !c->quit && now < true_ns; now = sim_now_ns()) {
-        struct timespec at;
-        clock_gettime(CLOCK_MONOTONIC, &at);
-        uint64_t until = (uint64_t)at.tv_nsec + (true_ns - now);
-        at.tv_sec += (time_t)(until / 1000000000u);
-        at.tv_nsec = (long)(until % 1000000000u);
-        pthread_cond_timedwait(&c->changed, &c->lock, &at);
-    }
+    while (!c->quit && sim_now_ns() < true_ns)
+        sim_wait_until(&c->changed, &c->lock, true_ns);
     pthread_mutex_unlock(&c->lock);
 }
 

@@ -155,19 +155,10 @@ uint64_t sim_controller_us(const struct sim_controller *c)
 
 void sim_controller_wait(struct sim_controller *c, uint64_t true_ns)
 {
-    uint64_t now = sim_now_ns();
-    if (true_ns == UINT64_MAX) {
+    if (true_ns == UINT64_MAX)
         pthread_cond_wait(&c->wake, &c->lock);
-        return;
-    }
-    if (true_ns <= now)
-        return;
-    struct timespec until;
-    clock_gettime(CLOCK_MONOTONIC, &until);
-    uint64_t ns = (uint64_t)until.tv_nsec + (true_ns - now);
-    until.tv_sec += (time_t)(ns / 1000000000u);
-    until.tv_nsec = (long)(ns % 1000000000u);
-    pthread_cond_timedwait(&c->wake, &c->lock, &until);
+    else
+        sim_wait_until(&c->wake, &c->lock, true_ns);
 }
 
 static void stop(struct sim_controller *c)

@@ -1,10 +1,9 @@
 #include "sim/geometry.h"
 
 #include "core/positions.h"
+#include "sim/file.h"
 
-#include <errno.h>
 #include <math.h>
-#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -113,26 +112,13 @@ enum ls_err sim_geometry_sphere(uint32_t n_lights, double radius_m, struct sim_g
     return LS_OK;
 }
 
-static enum ls_err read_text(const char *path, char **text, size_t *size, struct ls_diag *diag)
-{
-    FILE *file = fopen(path, "rb");
-    if (!file)
-        return ls_fail(diag, LS_ERR_NOT_FOUND, "%s: %s", path, strerror(errno));
-    *text = malloc(MAX_FILE_BYTES);
-    *size = *text ? fread(*text, 1, MAX_FILE_BYTES, file) : 0;
-    fclose(file);
-    if (!*text)
-        return ls_fail(diag, LS_ERR_NOMEM, "out of memory reading %s", path);
-    return LS_OK;
-}
-
 enum ls_err sim_geometry_load(const char *path, const char *axes, const char *unit,
                               struct sim_geometry *out, struct ls_diag *diag)
 {
     LS_CLEANUP_FREE char *text = NULL;
     size_t size = 0;
     struct ls_positions positions = {0};
-    enum ls_err err = read_text(path, &text, &size, diag);
+    enum ls_err err = sim_file_read(path, MAX_FILE_BYTES, &text, &size, diag);
     if (!err)
         err = ls_positions_parse(text, size, path, axes, unit, SIM_MAX_LIGHTS, &positions, diag);
     if (err)

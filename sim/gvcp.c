@@ -56,18 +56,6 @@ static uint32_t load32(const uint8_t *bytes)
     return ntohl(word);
 }
 
-static void store32(uint8_t *bytes, uint32_t value)
-{
-    uint32_t word = htonl(value);
-    memcpy(bytes, &word, 4);
-}
-
-static void store16(uint8_t *bytes, uint32_t value)
-{
-    bytes[0] = (uint8_t)(value >> 8);
-    bytes[1] = (uint8_t)value;
-}
-
 static bool from_controller(const struct sim_gvcp *g, const struct sockaddr_in *from)
 {
     return g->controlled && from->sin_port == g->controller.sin_port &&
@@ -141,7 +129,7 @@ static enum sim_gvcp_status write_registers(struct sim_gvcp *g, struct exchange 
         status = write_word(g, &x->from, load32(x->data + at), load32(x->data + at + 4));
         done += !status;
     }
-    store32(x->answer + HEADER_BYTES, done);
+    sim_gev_store32(x->answer + HEADER_BYTES, done);
     x->n_answer = 4;
     return status;
 }
@@ -153,7 +141,7 @@ static enum sim_gvcp_status read_memory(struct sim_gvcp *g, struct exchange *x)
     uint32_t address = load32(x->data), size = load32(x->data + 4) & 0xffff;
     if (size > MAX_DATA_BYTES - 4 || size & 3)
         return SIM_GVCP_INVALID_PARAMETER;
-    store32(x->answer + HEADER_BYTES, address);
+    sim_gev_store32(x->answer + HEADER_BYTES, address);
     x->n_answer = 4 + size;
     return sim_registers_read(g->registers, address, size, x->answer + HEADER_BYTES + 4);
 }
@@ -166,7 +154,7 @@ static enum sim_gvcp_status write_memory(struct sim_gvcp *g, struct exchange *x)
         return SIM_GVCP_INVALID_PARAMETER;
     for (; at < x->n_data && !status; at += 4)
         status = write_word(g, &x->from, load32(x->data) + at - 4, load32(x->data + at));
-    store32(x->answer + HEADER_BYTES, at - 4);
+    sim_gev_store32(x->answer + HEADER_BYTES, at - 4);
     x->n_answer = 4;
     return status;
 }
@@ -205,10 +193,10 @@ static void answer(struct sim_gvcp *g, struct exchange *x, enum sim_gvcp_status 
 {
     if (status && x->command != WRITE_REGISTER && x->command != WRITE_MEMORY)
         x->n_answer = 0;
-    store16(x->answer, status);
-    store16(x->answer + 2, x->command + 1u);
-    store16(x->answer + 4, x->n_answer);
-    store16(x->answer + 6, x->id);
+    sim_gev_store16(x->answer, status);
+    sim_gev_store16(x->answer + 2, x->command + 1u);
+    sim_gev_store16(x->answer + 4, x->n_answer);
+    sim_gev_store16(x->answer + 6, x->id);
     sendto(g->socket, x->answer, HEADER_BYTES + x->n_answer, 0, (struct sockaddr *)&x->from,
            sizeof x->from);
 }

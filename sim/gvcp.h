@@ -39,4 +39,18 @@ void sim_gvcp_release(struct sim_gvcp *gvcp);
 /** NULL is allowed. */
 void sim_gvcp_destroy(struct sim_gvcp *gvcp);
 
+/** The lower 16 bits of @value as GigE Vision has them on the wire: big-endian. */
+static inline void sim_gev_store16(uint8_t *bytes, uint32_t value)
+{
+    bytes[0] = (uint8_t)(value >> 8);
+    bytes[1] = (uint8_t)value;
+}
+
+/** The same of 32 bits. */
+static inline void sim_gev_store32(uint8_t *bytes, uint32_t value)
+{
+    sim_gev_store16(bytes, value >> 16);
+    sim_gev_store16(bytes + 2, value);
+}
+
 #endif

@@ -1,5 +1,7 @@
 #include "sim/gvsp.h"
 
+#include "sim/gvcp.h"
+
 #include <arpa/inet.h>
 #include <errno.h>
 #include <pthread.h>
@@ -66,43 +68,31 @@ static bool loses(struct sim_gvsp *g)
     return (double)(z >> 11) * 0x1p-53 < g->loss;
 }
 
-static void store16(uint8_t *bytes, uint32_t value)
-{
-    bytes[0] = (uint8_t)(value >> 8);
-    bytes[1] = (uint8_t)value;
-}
-
-static void store32(uint8_t *bytes, uint32_t value)
-{
-    store16(bytes, value >> 16);
-    store16(bytes + 2, value);
-}
-
 static void write_header(uint8_t *head, enum sim_gvcp_status status, uint16_t block,
                          enum packet_type type, uint32_t packet)
 {
-    store16(head, status);
-    store16(head + 2, block);
-    store32(head + 4, (uint32_t)type << 24 | packet);
+    sim_gev_store16(head, status);
+    sim_gev_store16(head + 2, block);
+    sim_gev_store32(head + 4, (uint32_t)type << 24 | packet);
 }
 
 static void write_leader(uint8_t *body, const struct sim_gvsp_frame *f)
 {
     memset(body, 0, LEADER_BYTES);
-    store16(body + 2, f->chunks ? PAYLOAD_IMAGE_CHUNKS : PAYLOAD_IMAGE);
-    store32(body + 4, (uint32_t)(f->ticks >> 32));
-    store32(body + 8, (uint32_t)f->ticks);
-    store32(body + 12, f->format.pixel_format);
-    store32(body + 16, f->format.width);
-    store32(body + 20, f->format.height);
-    store32(body + 24, f->format.offset_x);
-    store32(body + 28, f->format.offset_y);
+    sim_gev_store16(body + 2, f->chunks ? PAYLOAD_IMAGE_CHUNKS : PAYLOAD_IMAGE);
+    sim_gev_store32(body + 4, (uint32_t)(f->ticks >> 32));
+    sim_gev_store32(body + 8, (uint32_t)f->ticks);
+    sim_gev_store32(body + 12, f->format.pixel_format);
+    sim_gev_store32(body + 16, f->format.width);
+    sim_gev_store32(body + 20, f->format.height);
+    sim_gev_store32(body + 24, f->format.offset_x);
+    sim_gev_store32(body + 28, f->format.offset_y);
 }
 
 static void write_trailer(uint8_t *body, const struct sim_gvsp_frame *f)
 {
-    store32(body, f->chunks ? PAYLOAD_IMAGE_CHUNKS : PAYLOAD_IMAGE);
-    store32(body + 4, f->format.height);
+    sim_gev_store32(body, f->chunks ? PAYLOAD_IMAGE_CHUNKS : PAYLOAD_IMAGE);
+    sim_gev_store32(body + 4, f->format.height);
 }
 
 static void pause_for(uint64_t ns)

@@ -1,4 +1,5 @@
 #include "core/png.h"
+#include "sim/file.h"
 #include "sim/world.h"
 
 #include <dirent.h>
@@ -13,20 +14,6 @@ static int is_png(const struct dirent *entry)
 {
     size_t n = strlen(entry->d_name);
     return n > 4 && !strcasecmp(entry->d_name + n - 4, ".png");
-}
-
-static enum ls_err read_file(const char *path, char **bytes, size_t *size, struct ls_diag *diag)
-{
-    FILE *file = fopen(path, "rb");
-    if (!file)
-        return ls_fail(diag, LS_ERR_NOT_FOUND, "%s: %s", path, strerror(errno));
-    fseek(file, 0, SEEK_END);
-    long end = ftell(file);
-    rewind(file);
-    *bytes = end > 0 && end <= MAX_FILE_BYTES ? malloc((size_t)end) : NULL;
-    *size = *bytes ? fread(*bytes, 1, (size_t)end, file) : 0;
-    fclose(file);
-    return *bytes ? LS_OK : ls_fail(diag, LS_ERR_INVALID, "%s: expected 1 byte to 256 MiB", path);
 }
 
 /* Luminance of linear Rec. 709, top left in a row-major picture @width wide; white is a 90 %
@@ -53,7 +40,7 @@ static enum ls_err load_image(struct sim_scene *scene, const char *name, uint32_
     size_t size = 0;
     struct ls_image image = {0};
     struct ls_diag inner = {{0}};
-    enum ls_err err = read_file(path, &bytes, &size, diag);
+    enum ls_err err = sim_file_read(path, MAX_FILE_BYTES, &bytes, &size, diag);
     if (err)
         return err;
     err = ls_png_read(bytes, size, !scene->config.replay_linear, MAX_FILE_BYTES, &image, &inner);

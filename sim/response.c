@@ -1,6 +1,7 @@
 #include "sim/response.h"
 
-#include <errno.h>
+#include "sim/file.h"
+
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -12,16 +13,13 @@ static enum ls_err load(const char *directory, const char *name, struct ls_spect
 {
     char path[1200];
     snprintf(path, sizeof path, "%s/%s", directory, name);
-    FILE *file = fopen(path, "rb");
-    if (!file)
-        return ls_fail(diag, LS_ERR_NOT_FOUND, "%s: %s", path, strerror(errno));
-    LS_CLEANUP_FREE char *text = malloc(MAX_FILE_BYTES);
-    size_t size = text ? fread(text, 1, MAX_FILE_BYTES, file) : 0;
-    fclose(file);
-    if (!text)
-        return ls_fail(diag, LS_ERR_NOMEM, "out of memory reading %s", path);
+    LS_CLEANUP_FREE char *text = NULL;
+    size_t size = 0;
+    enum ls_err err = sim_file_read(path, MAX_FILE_BYTES, &text, &size, diag);
+    if (err)
+        return err;
     struct ls_diag inner = {{0}};
-    enum ls_err err = ls_spectra_parse_csv(text, size, out, &inner);
+    err = ls_spectra_parse_csv(text, size, out, &inner);
     return err ? ls_fail(diag, err, "%s: %.400s", path, inner.text) : LS_OK;
 }
 

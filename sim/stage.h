@@ -12,6 +12,7 @@
 #include "core/error.h"
 #include "drivers/lights_wire.h"
 
+#include <pthread.h>
 #include <stdint.h>
 
 /** A device clock: ticks = epoch + (true - start) * (1 + drift_ppm * 1e-6) * hz / 1e9. */
@@ -24,6 +25,9 @@ struct sim_clock {
 
 /** CLOCK_MONOTONIC_RAW. Any thread. */
 uint64_t sim_now_ns(void);
+
+/** Wait on @wake, whose clock is CLOCK_MONOTONIC, until it is signalled or @true_ns has come. */
+void sim_wait_until(pthread_cond_t *wake, pthread_mutex_t *lock, uint64_t true_ns);
 
 /** What the clock shows at @true_ns. Any thread, as long as nobody writes the clock. */
 uint64_t sim_clock_at(const struct sim_clock *clock, uint64_t true_ns);

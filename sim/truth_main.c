@@ -1,6 +1,7 @@
 #include "sim/truth.h"
 
 #include "core/exr.h"
+#include "sim/file.h"
 #include "sim/truth_options.h"
 #include "sim/world.h"
 
@@ -44,17 +45,6 @@ static enum ls_err write_file(const char *folder, const char *name, const void *
     if (!file || fclose(file) || written != size)
         return ls_fail(diag, LS_ERR_OS, "%s: cannot be written: %s", path, strerror(errno));
     return LS_OK;
-}
-
-static enum ls_err read_file(const char *path, char **text, size_t *size, struct ls_diag *diag)
-{
-    FILE *file = fopen(path, "rb");
-    if (!file)
-        return ls_fail(diag, LS_ERR_NOT_FOUND, "%s: %s", path, strerror(errno));
-    *text = malloc(MAX_FILE_BYTES);
-    *size = *text ? fread(*text, 1, MAX_FILE_BYTES, file) : 0;
-    fclose(file);
-    return *text ? LS_OK : ls_fail(diag, LS_ERR_NOMEM, "out of memory reading %s", path);
 }
 
 /* ---- pictures ---- */
@@ -216,7 +206,7 @@ static enum ls_err environment(const struct sim_scene *scene, const struct sim_t
     size_t size = 0;
     if (!out)
         return ls_fail(diag, LS_ERR_NOMEM, "out of memory for a picture");
-    enum ls_err err = read_file(o->lobes, &text, &size, diag);
+    enum ls_err err = sim_file_read(o->lobes, MAX_FILE_BYTES, &text, &size, diag);
     if (!err)
         err = ls_lobes_parse_json(text, size, &lobes, diag);
     if (!err)
