@@ -158,8 +158,8 @@ static void build_stilllife(struct sim_subject *s)
     s->velvet = (uint16_t)s->n_surfaces;
     add_plain(s, board(sim_vec(0.0, -0.01, -0.25), 0.13, 0.10, 0.05, 0), matte, SIM_MAT_VELVET);
     add_sphere(s, sim_vec(-0.27, floor_y + 0.085, 0.0), 0.085, SIM_MATTE, 0, SIM_MAT_OCHRE);
-    add_sphere(s, sim_vec(0.26, floor_y + 0.08, 0.02), 0.08, SIM_METAL, 0.16f, SIM_MAT_RED_METAL);
-    add_sphere(s, sim_vec(0.155, floor_y + 0.03, 0.22), 0.03, SIM_METAL, 0.08f, SIM_MAT_GOLD);
+    add_sphere(s, sim_vec(0.26, floor_y + 0.08, 0.02), 0.08, SIM_METAL, 0.30f, SIM_MAT_RED_METAL);
+    add_sphere(s, sim_vec(0.155, floor_y + 0.03, 0.22), 0.03, SIM_METAL, 0.25f, SIM_MAT_GOLD);
     add_card(s, board(sim_vec(-0.105, floor_y + 0.075, 0.02), 0.17, 0.15, 0, 0.95),
              SIM_MAT_RED_FELT, 6, 6);
     add_card(s, board(sim_vec(0.105, floor_y + 0.075, 0.02), 0.17, 0.15, 0, -0.95),
