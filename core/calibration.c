@@ -12,8 +12,8 @@ enum ls_err ls_calibration_create(uint32_t n_lights, uint32_t n_channels, uint32
         return ls_fail(diag, LS_ERR_LIMIT,
                        "calibration: expected 1 to %d lights, 1 to %d channels, 1 or 3 colours; "
                        "found %u, %u, %u",
-                       LS_CALIBRATION_MAX_LIGHTS, LS_CALIBRATION_MAX_CHANNELS, n_lights,
-                       n_channels, n_colours);
+                       LS_CALIBRATION_MAX_LIGHTS, LS_CALIBRATION_MAX_CHANNELS, n_lights, n_channels,
+                       n_colours);
     struct ls_calibration *c = calloc(1, sizeof *c);
     if (!c)
         return ls_fail(diag, LS_ERR_NOMEM, "out of memory for a calibration");

@@ -51,7 +51,7 @@ enum {
 /** Rows of equally sampled spectra: value of row r at start_nm + i step_nm is v[r * n + i]. */
 struct ls_spectral_table {
     double start_nm, step_nm;
-    uint32_t n;    /* wavelengths, 0 = absent */
+    uint32_t n; /* wavelengths, 0 = absent */
     uint32_t rows;
     float *v;
 };
@@ -83,17 +83,18 @@ struct ls_calibration_camera {
 
 struct ls_calibration {
     uint32_t n_lights, n_channels;
-    uint32_t n_colours;    /* camera channels: 3, or 1 for mono */
+    uint32_t n_colours; /* camera channels: 3, or 1 for mono */
     float (*position_m)[3];
     float (*direction)[3]; /* unit, centre towards light */
     float *omega_sr;
     struct ls_calibration_channel channels[LS_CALIBRATION_MAX_CHANNELS];
-    float *k, *sigma_k; /* [channel * n_lights + light]; mean over lights of 1/k = 1, V, H excepted */
+    float *k,
+        *sigma_k; /* [channel * n_lights + light]; mean over lights of 1/k = 1, V, H excepted */
     uint32_t n_patterns;
     struct ls_calibration_pattern *patterns;
     double scale;
     float p[LS_CALIBRATION_MAX_CHANNELS][3]; /* [channel][colour] */
-    uint32_t n_patches; /* 0 = no chart */
+    uint32_t n_patches;                      /* 0 = no chart */
     char (*patch_names)[32];
     struct ls_spectral_table reflectance; /* rows = patches */
     float *L; /* [(patch * n_colours + colour) * n_channels + channel]; NULL = absent */

@@ -8,8 +8,8 @@
 
 static const char *kind_of(const json_t *value)
 {
-    static const char *const names[] = {"an object",      "an array", "a string", "an integer",
-                                        "a number", "true",     "false",    "null"};
+    static const char *const names[] = {"an object", "an array", "a string", "an integer",
+                                        "a number",  "true",     "false",    "null"};
     return value ? names[json_typeof(value)] : "nothing";
 }
 
@@ -128,9 +128,8 @@ static enum ls_err table(const json_t *value, const char *path, uint32_t rows,
     if (!out->v)
         return ls_fail(diag, LS_ERR_NOMEM, "out of memory for spectra");
     for (uint32_t r = 0; r < out->rows && !err; r++)
-        err = floats(rows ? json_array_get(values, r) : values,
-                     rows ? element(row_at, at, r) : at, out->n, -1e9, 1e9,
-                     out->v + (size_t)r * out->n, diag);
+        err = floats(rows ? json_array_get(values, r) : values, rows ? element(row_at, at, r) : at,
+                     out->n, -1e9, 1e9, out->v + (size_t)r * out->n, diag);
     return err;
 }
 

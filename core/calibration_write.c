@@ -86,8 +86,8 @@ static json_t *camera(const struct ls_calibration_camera *camera)
 {
     json_t *hot = json_array();
     for (uint32_t i = 0; i < camera->n_hot; i++)
-        json_array_append_new(hot, json_pack("[i, i]", (int)camera->hot[i][0],
-                                             (int)camera->hot[i][1]));
+        json_array_append_new(hot,
+                              json_pack("[i, i]", (int)camera->hot[i][0], (int)camera->hot[i][1]));
     json_t *out = json_pack("{s:f, s:f, s:f, s:f, s:s, s:s, s:f, s:[f, f], s:o}", "black_dn",
                             camera->black_dn, "full_scale_dn", camera->full_scale_dn,
                             "electrons_per_dn", camera->electrons_per_dn, "read_noise_dn",
@@ -109,12 +109,12 @@ static json_t *matrix(const struct ls_calibration *c)
 
 enum ls_err ls_calibration_write(const struct ls_calibration *c, char **text, struct ls_diag *diag)
 {
-    json_t *root = json_pack(
-        "{s:i, s:o, s:o, s:o, s:o, s:o, s:f, s:o, s:o}", "format", 1, "lights", lights(c),
-        "channels", channels(c), "k", by_channel(c, c->k, c->n_lights, c->n_lights), "sigma_k",
-        by_channel(c, c->sigma_k, c->n_lights, c->n_lights), "pattern_factors", patterns(c),
-        "scale", c->scale, "p", by_channel(c, c->p[0], c->n_colours, 3), "camera",
-        camera(&c->camera));
+    json_t *root =
+        json_pack("{s:i, s:o, s:o, s:o, s:o, s:o, s:f, s:o, s:o}", "format", 1, "lights", lights(c),
+                  "channels", channels(c), "k", by_channel(c, c->k, c->n_lights, c->n_lights),
+                  "sigma_k", by_channel(c, c->sigma_k, c->n_lights, c->n_lights), "pattern_factors",
+                  patterns(c), "scale", c->scale, "p", by_channel(c, c->p[0], c->n_colours, 3),
+                  "camera", camera(&c->camera));
     if (root && c->n_patches)
         json_object_set_new(root, "chart", chart(c));
     if (root && c->L)

@@ -45,11 +45,11 @@ struct ls_demosaic_region {
 
 /** A window of a mosaic in memory; its place in the whole image gives the colours. */
 struct ls_demosaic_source {
-    const float *data;           /* pixel (window.x, window.y) */
-    size_t stride;               /* floats from row to row */
+    const float *data;                /* pixel (window.x, window.y) */
+    size_t stride;                    /* floats from row to row */
     struct ls_demosaic_region window; /* what of the image is in memory */
     uint32_t image_width, image_height;
-    enum ls_cfa cfa;             /* of pixel (0, 0) of the image; NONE copies to all three */
+    enum ls_cfa cfa; /* of pixel (0, 0) of the image; NONE copies to all three */
 };
 
 /** Where RGB goes. Planar: plane[c], pixel_step 1. Interleaved: plane[c] = base + c,
@@ -61,8 +61,8 @@ struct ls_demosaic_target {
 
 /** The part of an image that the demosaic of @region reads: the halo, cut at the border.
  * RT-safe. */
-struct ls_demosaic_region ls_demosaic_needs(struct ls_demosaic_region region,
-                                            uint32_t image_width, uint32_t image_height);
+struct ls_demosaic_region ls_demosaic_needs(struct ls_demosaic_region region, uint32_t image_width,
+                                            uint32_t image_height);
 
 /**
  * Demosaic @region (image coordinates) of @source into @target, whose first pixel is that of the

@@ -51,8 +51,8 @@ struct ls_lobes {
  * Hostile input is refused, never a crash: LS_ERR_INVALID names the lobe, the key, what was
  * expected; LS_ERR_UNSUPPORTED (another format); LS_ERR_LIMIT (the limits above). (transfer full).
  */
-LS_MUST_CHECK enum ls_err ls_lobes_parse_json(const char *text, size_t bytes,
-                                              struct ls_lobes **out, struct ls_diag *diag);
+LS_MUST_CHECK enum ls_err ls_lobes_parse_json(const char *text, size_t bytes, struct ls_lobes **out,
+                                              struct ls_diag *diag);
 
 /** NULL is allowed. */
 void ls_lobes_destroy(struct ls_lobes *lobes);

@@ -44,8 +44,7 @@ LS_MUST_CHECK enum ls_err ls_envlights_map(const float (*directions)[3], size_t 
  * sharpness, and a lobe narrower than a cell is cut as finely as a broad one.
  */
 LS_MUST_CHECK enum ls_err ls_envlights_lobes(const float (*directions)[3], size_t n,
-                                             const double *rotation,
-                                             const struct ls_lobes *lobes, double *weights,
-                                             struct ls_diag *diag);
+                                             const double *rotation, const struct ls_lobes *lobes,
+                                             double *weights, struct ls_diag *diag);
 
 #endif

@@ -150,8 +150,8 @@ uint64_t ls_exr_mosaic_bytes_max(uint32_t width, uint32_t height, enum ls_exr_ty
  *
  * Refused with a sentence: DWAA and DWAB, deep data, luminance-chroma and other subsampling, an
  * `envmap` that is a cube, an `Orientation` or `EXPOSURE` other than 1 (LS_ERR_UNSUPPORTED);
- * anything truncated or inconsistent (LS_ERR_INVALID); too large (LS_ERR_LIMIT); a layer that is not there
- * (LS_ERR_NOT_FOUND). Infinities and NaN pass through. @image: (transfer full).
+ * anything truncated or inconsistent (LS_ERR_INVALID); too large (LS_ERR_LIMIT); a layer that is
+ * not there (LS_ERR_NOT_FOUND). Infinities and NaN pass through. @image: (transfer full).
  */
 LS_MUST_CHECK enum ls_err ls_exr_read(const void *bytes, size_t n_bytes, const char *layer,
                                       size_t limit_bytes, struct ls_image *image,
@@ -177,9 +177,9 @@ LS_MUST_CHECK enum ls_err ls_exr_read_plane(const void *bytes, size_t n_bytes, c
 
 /** The tiles of one single-channel uncompressed part, in place. */
 struct ls_exr_tiles {
-    uint32_t width, height;   /* px */
-    uint32_t tile_w, tile_h;  /* px, of a full tile */
-    uint32_t n_x, n_y;        /* tiles across and down */
+    uint32_t width, height;  /* px */
+    uint32_t tile_w, tile_h; /* px, of a full tile */
+    uint32_t n_x, n_y;       /* tiles across and down */
     enum ls_exr_type type;
     const uint8_t **tile; /* n_y * n_x pointers, row-major. Unaligned! Each points at
                              rows of ls_exr_tile_width pixels without padding */

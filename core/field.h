@@ -39,18 +39,19 @@ struct ls_field_noise {
 };
 
 struct ls_field {
-    uint32_t n_lights, n_spectra, n_channels; /* spectrum 0 is white; channels 3 (Bayer), 1 (mono) */
-    uint32_t width, height;                   /* px */
+    uint32_t n_lights, n_spectra,
+        n_channels;         /* spectrum 0 is white; channels 3 (Bayer), 1 (mono) */
+    uint32_t width, height; /* px */
     enum ls_cfa cfa;
-    double scale;                 /* R = scale k stored: the calibration's scale / referenceExposure */
-    const struct ls_picture *white;   /* [n_lights] */
-    const struct ls_picture *sphere;  /* [n_spectra], photographed full spheres; may be NULL */
-    const double *k;              /* [n_spectra][n_lights] */
-    const double *g;              /* [n_spectra][n_lights], 1/k, mean 1 per spectrum */
-    const double *omega_sr;       /* [n_lights] */
-    const float (*directions)[3]; /* [n_lights], unit, towards the light */
-    const double *p;              /* [n_spectra][n_channels] */
-    const double *duty, *factor;  /* [n_spectra], of each full sphere: nominal duty, droop factor */
+    double scale; /* R = scale k stored: the calibration's scale / referenceExposure */
+    const struct ls_picture *white;  /* [n_lights] */
+    const struct ls_picture *sphere; /* [n_spectra], photographed full spheres; may be NULL */
+    const double *k;                 /* [n_spectra][n_lights] */
+    const double *g;                 /* [n_spectra][n_lights], 1/k, mean 1 per spectrum */
+    const double *omega_sr;          /* [n_lights] */
+    const float (*directions)[3];    /* [n_lights], unit, towards the light */
+    const double *p;                 /* [n_spectra][n_channels] */
+    const double *duty, *factor; /* [n_spectra], of each full sphere: nominal duty, droop factor */
     struct ls_field_noise noise;
 };
 

@@ -65,14 +65,14 @@ enum ls_validity {
 
 struct ls_merge_params {
     const struct ls_pixel_format *format;
-    uint32_t width, height;                     /* px */
-    uint32_t n_exposures;                       /* 1 .. LS_MERGE_MAX_EXPOSURES */
-    double exposure_s[LS_MERGE_MAX_EXPOSURES];  /* as really used, any order, > 0 */
-    double range_low, range_high;               /* of full scale; 0.10 and 0.85 */
-    double full_scale_dn;                       /* E is in units of this per second */
-    double clip_dn;                             /* samples >= this are clipped; <= full scale */
-    double electrons_per_dn, read_noise_dn;     /* noise model; > 0, >= 0 */
-    const uint32_t *defects;                    /* ascending y width + x (transfer none), or NULL */
+    uint32_t width, height;                    /* px */
+    uint32_t n_exposures;                      /* 1 .. LS_MERGE_MAX_EXPOSURES */
+    double exposure_s[LS_MERGE_MAX_EXPOSURES]; /* as really used, any order, > 0 */
+    double range_low, range_high;              /* of full scale; 0.10 and 0.85 */
+    double full_scale_dn;                      /* E is in units of this per second */
+    double clip_dn;                            /* samples >= this are clipped; <= full scale */
+    double electrons_per_dn, read_noise_dn;    /* noise model; > 0, >= 0 */
+    const uint32_t *defects;                   /* ascending y width + x (transfer none), or NULL */
     uint32_t n_defects;
 };
 

@@ -36,10 +36,10 @@ enum ls_packing {
 };
 
 struct ls_pixel_format {
-    const char *name;        /* GenICam name, e.g. "BayerRG12p" */
-    uint32_t code;           /* PFNC, e.g. 0x010C0059 */
-    uint8_t bits;            /* significant bits of a sample: 8, 10, 12 or 16 */
-    uint8_t bits_per_pixel;  /* on the wire: 8, 10, 12 or 16 */
+    const char *name;       /* GenICam name, e.g. "BayerRG12p" */
+    uint32_t code;          /* PFNC, e.g. 0x010C0059 */
+    uint8_t bits;           /* significant bits of a sample: 8, 10, 12 or 16 */
+    uint8_t bits_per_pixel; /* on the wire: 8, 10, 12 or 16 */
     enum ls_packing packing;
     enum ls_cfa cfa;
 };
@@ -71,8 +71,8 @@ void ls_pixel_unpack(const struct ls_pixel_format *format, const void *payload, 
  * The inverse: write @n pixels beginning with pixel @first into the stream @payload; bits of
  * neighbouring pixels are kept, bits of a sample above the format's are dropped. RT-safe.
  */
-void ls_pixel_pack(const struct ls_pixel_format *format, const uint16_t *in, size_t first,
-                   size_t n, void *payload);
+void ls_pixel_pack(const struct ls_pixel_format *format, const uint16_t *in, size_t first, size_t n,
+                   void *payload);
 
 /** Channel of the pixel at column @x, row @y: 0 red, 1 green, 2 blue; 0 where monochrome.
  * RT-safe. */

@@ -19,7 +19,8 @@
  * @decode_srgb: apply the inverse sRGB curve; else values are code / maximum code.
  * Chunks that say something about colour (gAMA, iCCP, sRGB) are ignored: the caller decides.
  * Errors: LS_ERR_UNSUPPORTED (an alpha channel or transparent colour), LS_ERR_INVALID (not a PNG,
- * damaged, truncated), LS_ERR_LIMIT (more than @limit_bytes for pixels, or 8 MiB inside libpng). @image: (transfer full).
+ * damaged, truncated), LS_ERR_LIMIT (more than @limit_bytes for pixels, or 8 MiB inside libpng).
+ * @image: (transfer full).
  */
 LS_MUST_CHECK enum ls_err ls_png_read(const void *bytes, size_t n_bytes, bool decode_srgb,
                                       size_t limit_bytes, struct ls_image *image,

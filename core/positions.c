@@ -16,8 +16,8 @@ static enum ls_err parse_axes(const char *text, struct axes *out, struct ls_diag
         const char *word;
         int axis;
         float sign;
-    } words[] = { { "right", 0, 1 }, { "left", 0, -1 },   { "up", 1, 1 },
-                  { "down", 1, -1 }, { "towards", 2, 1 }, { "away", 2, -1 } };
+    } words[] = {{"right", 0, 1}, {"left", 0, -1},   {"up", 1, 1},
+                 {"down", 1, -1}, {"towards", 2, 1}, {"away", 2, -1}};
     char copy[64];
     unsigned seen = 0, n = 0;
     snprintf(copy, sizeof copy, "%s", text);
@@ -41,7 +41,10 @@ static enum ls_err parse_axes(const char *text, struct axes *out, struct ls_diag
 
 static float unit_in_m(const char *unit)
 {
-    return !strcmp(unit, "m") ? 1.0f : !strcmp(unit, "cm") ? 0.01f : !strcmp(unit, "mm") ? 0.001f : 0;
+    return !strcmp(unit, "m")    ? 1.0f
+           : !strcmp(unit, "cm") ? 0.01f
+           : !strcmp(unit, "mm") ? 0.001f
+                                 : 0;
 }
 
 /* "x,y,z[,address]": LS_ERR_NOT_FOUND for a line without data. */
@@ -135,7 +138,7 @@ enum ls_err ls_positions_parse(const char *text, size_t length, const char *name
     float scale = unit_in_m(unit);
     if (scale == 0)
         return ls_fail(diag, LS_ERR_INVALID, "unit \"%s\": expected \"m\", \"cm\" or \"mm\"", unit);
-    *out = (struct ls_positions){ 0 };
+    *out = (struct ls_positions){0};
     err = parse_rows(text, length, name, &axes, scale, max, out, diag);
     if (err)
         ls_positions_finish(out);
@@ -146,5 +149,5 @@ void ls_positions_finish(struct ls_positions *positions)
 {
     free(positions->xyz_m);
     free(positions->address);
-    *positions = (struct ls_positions){ 0 };
+    *positions = (struct ls_positions){0};
 }

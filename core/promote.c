@@ -41,7 +41,8 @@ void ls_promote_sigma(const struct ls_field *field, const float *row, size_t n_r
 }
 
 /* largest and smallest of v along a line of 2 LS_CONTRAST_HALO_PX + 1 samples @step apart */
-static void range_of(const float *v, size_t step, uint32_t at, uint32_t end, float *low, float *high)
+static void range_of(const float *v, size_t step, uint32_t at, uint32_t end, float *low,
+                     float *high)
 {
     uint32_t first = at > LS_CONTRAST_HALO_PX ? at - LS_CONTRAST_HALO_PX : 0;
     uint32_t last = end - 1 - at < LS_CONTRAST_HALO_PX ? end - 1 : at + LS_CONTRAST_HALO_PX;

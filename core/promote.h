@@ -37,7 +37,8 @@
 enum {
     LS_RATIO_HALO_PX = 8, /* pixels around a ratio's own that it may depend on */
     LS_CONTRAST_HALO_PX = 2,
-    LS_PROMOTE_HALO_PX = LS_RATIO_HALO_PX + LS_CONTRAST_HALO_PX, /* with sigma made of V's contrast */
+    LS_PROMOTE_HALO_PX =
+        LS_RATIO_HALO_PX + LS_CONTRAST_HALO_PX, /* with sigma made of V's contrast */
 };
 
 /** Weight row of V for spectrum @s: row[i] = g(i,s) k(i,0). For ls_accumulate. row[n_lights]. */
@@ -59,9 +60,9 @@ void ls_promote_sigma(const struct ls_field *field, const float *row, size_t n_r
  * Add, in quadrature, what demosaicing may have done to V: 5 % of the range of V over
  * the 5 x 5 pixels that the interpolation reads. Beside a highlight an interpolated V can be wrong
  * by a good part of the step, even negative, whatever its noise; F is wrong by another part, and
- * their quotient would be a spark. A sample below a fifth of such a step is no longer trusted alone;
- * on smooth ground (a range of 10 %) the addition is 0.5 % of V. Once per colour; not for mono,
- * which interpolates nothing. @v, @sigma: [height][width][channels].
+ * their quotient would be a spark. A sample below a fifth of such a step is no longer trusted
+ * alone; on smooth ground (a range of 10 %) the addition is 0.5 % of V. Once per colour; not for
+ * mono, which interpolates nothing. @v, @sigma: [height][width][channels].
  */
 void ls_promote_add_contrast(const float *v, uint32_t width, uint32_t height, uint32_t channels,
                              float *sigma);

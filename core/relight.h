@@ -24,17 +24,17 @@ struct ls_accumulate_job {
     const struct ls_picture *pictures; /* [n_pictures]: a field's white, or its spheres */
     uint32_t n_pictures;
     uint32_t n_sums;
-    const float *weights;   /* [n_sums][n_pictures] */
-    const float *tile_max;  /* [tiles_y * tiles_x][n_pictures], max |value| of the tile; or NULL */
-    double max_error;       /* per sum and pixel, in stored units: what may be left out; 0 = none.
-                               Needs tile_max */
+    const float *weights;  /* [n_sums][n_pictures] */
+    const float *tile_max; /* [tiles_y * tiles_x][n_pictures], max |value| of the tile; or NULL */
+    double max_error;      /* per sum and pixel, in stored units: what may be left out; 0 = none.
+                              Needs tile_max */
 };
 
 struct ls_accumulate_report {
-    double bound;          /* largest sum of |w| tile_max left out, over sums and tiles */
-    uint64_t tiles_read;   /* (picture, tile) pairs */
+    double bound;        /* largest sum of |w| tile_max left out, over sums and tiles */
+    uint64_t tiles_read; /* (picture, tile) pairs */
     uint64_t tiles_skipped;
-    uint64_t not_finite;   /* stored Inf or NaN met; each counted as 0 */
+    uint64_t not_finite; /* stored Inf or NaN met; each counted as 0 */
 };
 
 /**
@@ -72,17 +72,16 @@ struct ls_accumulate_kernel {
 const struct ls_accumulate_kernel *ls_accumulate_kernel(const char *mask);
 
 /** ls_accumulate with a given kernel (tests, benchmarks). */
-LS_MUST_CHECK enum ls_err ls_accumulate_with(const struct ls_accumulate_kernel *kernel,
-                                             const struct ls_field *field,
-                                             const struct ls_accumulate_job *job,
-                                             const struct ls_tile_region *region, float *sums,
-                                             struct ls_accumulate_report *report,
-                                             struct ls_diag *diag);
+LS_MUST_CHECK enum ls_err
+ls_accumulate_with(const struct ls_accumulate_kernel *kernel, const struct ls_field *field,
+                   const struct ls_accumulate_job *job, const struct ls_tile_region *region,
+                   float *sums, struct ls_accumulate_report *report, struct ls_diag *diag);
 
 /** Weight row of a relit spectrum: row[i] = w[i * stride] k(i,0), w in radiance x sr. */
 void ls_relight_row(const struct ls_field *field, const double *w, size_t stride, float *row);
 
-/** Weight row of the tristimulus baseline for camera channel @c, as `ls_relight_row` over p(0,c). */
+/** Weight row of the tristimulus baseline for camera channel @c, as `ls_relight_row` over p(0,c).
+ */
 void ls_relight_tristimulus_row(const struct ls_field *field, const double *w, size_t stride,
                                 uint32_t c, float *row);
 

@@ -27,12 +27,12 @@ struct ls_system {
 };
 
 struct ls_solution {
-    double residual;      /* ||W (A x - b)||, without the Tikhonov rows */
-    double relative;      /* residual / ||W b||; 0 if b = 0 */
-    unsigned rank;        /* of W A, singular values above 1e-12 of the largest */
-    double condition;     /* largest / smallest singular value of W A; INFINITY if rank < cols */
-    double kkt;           /* NNLS: largest violation of the KKT conditions, relative; else 0 */
-    unsigned iterations;  /* NNLS */
+    double residual;     /* ||W (A x - b)||, without the Tikhonov rows */
+    double relative;     /* residual / ||W b||; 0 if b = 0 */
+    unsigned rank;       /* of W A, singular values above 1e-12 of the largest */
+    double condition;    /* largest / smallest singular value of W A; INFINITY if rank < cols */
+    double kkt;          /* NNLS: largest violation of the KKT conditions, relative; else 0 */
+    unsigned iterations; /* NNLS */
 };
 
 /** Least squares, minimum norm when rank-deficient (LAPACK dgelsd). x[cols]. @out may be NULL.
@@ -77,7 +77,8 @@ struct ls_lighting {
  * method and tikhonov of @lighting from its n_channels. */
 void ls_lighting_defaults(struct ls_lighting *lighting);
 
-/** The space ls_lighting_solve works in for this chart: after M if it has one and three channels. */
+/** The space ls_lighting_solve works in for this chart: after M if it has one and three channels.
+ */
 enum ls_solve_space ls_lighting_space(const struct ls_lighting *lighting);
 
 /**
@@ -91,9 +92,8 @@ enum ls_solve_space ls_lighting_space(const struct ls_lighting *lighting);
  * @out: worst residual, rank, condition. May be NULL.
  */
 LS_MUST_CHECK enum ls_err ls_lighting_solve(const struct ls_lighting *lighting,
-                                            const double *targets, size_t n_targets,
-                                            double *alpha, struct ls_solution *out,
-                                            struct ls_diag *diag);
+                                            const double *targets, size_t n_targets, double *alpha,
+                                            struct ls_solution *out, struct ls_diag *diag);
 
 /**
  * P_pc = integral of light x reflectance_p x sensitivity_c: what the camera reads of a chart of

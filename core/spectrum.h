@@ -19,8 +19,8 @@ enum {
     LS_SPECTRUM_N = 81,
     LS_SPECTRUM_FIRST_NM = 380,
     LS_SPECTRUM_STEP_NM = 5,
-    LS_SPECTRA_MAX = 512,           /* columns of a CSV */
-    LS_SPECTRA_MAX_SAMPLES = 8192,  /* rows of a CSV */
+    LS_SPECTRA_MAX = 512,          /* columns of a CSV */
+    LS_SPECTRA_MAX_SAMPLES = 8192, /* rows of a CSV */
     LS_SPECTRUM_NAME_BYTES = 64,
 };
 
@@ -34,7 +34,7 @@ struct ls_spectra {
     struct ls_named_spectrum {
         char name[LS_SPECTRUM_NAME_BYTES];
         struct ls_spectrum spectrum;
-    } *item;
+    } * item;
 };
 
 /**
@@ -99,8 +99,8 @@ LS_MUST_CHECK enum ls_err ls_rec709_functionals_for(const struct ls_spectrum *gr
 
 /** What ls_spectrum_smoothest found. */
 struct ls_smoothest {
-    bool reachable;   /* the spectrum reproduces the RGB within 1e-6 of its norm */
-    double residual;  /* ||functionals(s) - rgb|| / ||rgb||; 0 for black */
+    bool reachable;  /* the spectrum reproduces the RGB within 1e-6 of its norm */
+    double residual; /* ||functionals(s) - rgb|| / ||rgb||; 0 for black */
     unsigned iterations;
 };
 
@@ -112,17 +112,16 @@ struct ls_smoothest {
  * smoothest among those, with @report->reachable false and the distance in residual.
  *
  * A strictly convex QP (the equalities enter as a penalty of weight 1e12, sharpened by the method
- * of multipliers until less than 1e-6 of the norm is missed) solved by block principal pivoting with Murty's one-index rule as safeguard
- * (Judice and Pires 1994; Portugal, Judice and Vicente, Math. Comp. 63, 1994), which is finite.
- * A single line, above all below 400 or above 710 nm, lies so close to the border of what is
- * possible that up to 1e-4 of the norm may be missed; anything of 16 nm width or more is met.
- * Homogeneous: scaling rgb scales s. @report may be NULL.
- * Errors: LS_ERR_INVALID (not finite, functionals linearly dependent), LS_ERR_NOMEM.
+ * of multipliers until less than 1e-6 of the norm is missed) solved by block principal pivoting
+ * with Murty's one-index rule as safeguard (Judice and Pires 1994; Portugal, Judice and Vicente,
+ * Math. Comp. 63, 1994), which is finite. A single line, above all below 400 or above 710 nm, lies
+ * so close to the border of what is possible that up to 1e-4 of the norm may be missed; anything of
+ * 16 nm width or more is met. Homogeneous: scaling rgb scales s. @report may be NULL. Errors:
+ * LS_ERR_INVALID (not finite, functionals linearly dependent), LS_ERR_NOMEM.
  */
 LS_MUST_CHECK enum ls_err ls_spectrum_smoothest(const double rgb[3],
                                                 const struct ls_spectrum functionals[3],
                                                 struct ls_spectrum *out,
-                                                struct ls_smoothest *report,
-                                                struct ls_diag *diag);
+                                                struct ls_smoothest *report, struct ls_diag *diag);
 
 #endif

@@ -24,28 +24,28 @@ struct ls_capture_setup {
     struct ls_lights *lights;
     struct ls_camera *const *cameras; /* config->n_cameras of them, applied, not started */
     struct ls_store *store;
-    double reference_exposure_s;      /* stored value = E x this */
-    const uint8_t *condition_done;    /* per condition: 1 = published already (resume), or NULL */
-    const float *const *darks;        /* [camera * n_exposures + exposure]: the published mean darks
-                                         in DN of a resumed take, NULL where not done; or NULL */
+    double reference_exposure_s;   /* stored value = E x this */
+    const uint8_t *condition_done; /* per condition: 1 = published already (resume), or NULL */
+    const float *const *darks;     /* [camera * n_exposures + exposure]: the published mean darks
+                                      in DN of a resumed take, NULL where not done; or NULL */
 };
 
 /** Live numbers, readable while a take runs. */
 struct ls_capture_progress {
-    uint32_t steps_planned, steps_bound;       /* steps with a frame of every camera */
+    uint32_t steps_planned, steps_bound; /* steps with a frame of every camera */
     uint32_t conditions_planned, conditions_stored;
-    uint32_t shots_lost;     /* fired without a usable frame, so far; repaired ones included */
-    uint32_t shots_repaired; /* of those, shot again and stored */
+    uint32_t shots_lost;      /* fired without a usable frame, so far; repaired ones included */
+    uint32_t shots_repaired;  /* of those, shot again and stored */
     double frames_per_second; /* over the last second, all cameras */
 };
 
 struct ls_capture_report {
     struct ls_capture_progress final;
-    double seconds;                  /* first to last pulse */
-    double frames_per_second;        /* mean over that */
+    double seconds;                          /* first to last pulse */
+    double frames_per_second;                /* mean over that */
     double residual_max_us, residual_rms_us; /* of binding by time */
-    uint32_t missing_conditions;     /* after all repairs; each is named in the journal */
-    char repaired[256];              /* e.g. "W-0012 (1 shot), sphere-R (2 shots)" or "" */
+    uint32_t missing_conditions;             /* after all repairs; each is named in the journal */
+    char repaired[256];                      /* e.g. "W-0012 (1 shot), sphere-R (2 shots)" or "" */
 };
 
 struct ls_capture;

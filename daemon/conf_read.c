@@ -9,7 +9,7 @@
 void ls_conf_begin(struct ls_conf *conf, const config_setting_t *group, const char *file,
                    struct ls_diag *diag)
 {
-    *conf = (struct ls_conf){ .group = group, .file = file, .diag = diag };
+    *conf = (struct ls_conf){.group = group, .file = file, .diag = diag};
 }
 
 unsigned ls_conf_line(const config_setting_t *setting)
@@ -28,9 +28,9 @@ void ls_conf_error(struct ls_conf *conf, const char *key, const char *fmt, ...)
     va_end(args);
     const config_setting_t *at = conf->group ? config_setting_get_member(conf->group, key) : NULL;
     unsigned line = ls_conf_line(at ? at : conf->group);
-    conf->err = line ? ls_fail(conf->diag, LS_ERR_INVALID, "%s:%u: %s: %s", conf->file, line, key,
-                               what)
-                     : ls_fail(conf->diag, LS_ERR_INVALID, "%s: %s: %s", conf->file, key, what);
+    conf->err =
+        line ? ls_fail(conf->diag, LS_ERR_INVALID, "%s:%u: %s: %s", conf->file, line, key, what)
+             : ls_fail(conf->diag, LS_ERR_INVALID, "%s: %s: %s", conf->file, key, what);
 }
 
 static const config_setting_t *get(struct ls_conf *conf, const char *key, bool needed)

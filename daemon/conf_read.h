@@ -54,8 +54,7 @@ int ls_conf_word(struct ls_conf *conf, const char *key, const char *const *words
 /** Exactly @n numbers into @out. Returns false (no error) if the key is absent and not @needed. */
 bool ls_conf_numbers(struct ls_conf *conf, const char *key, double *out, unsigned n, bool needed);
 /** A sub-setting of the given libconfig type (group, list or array); NULL if absent or wrong. */
-const config_setting_t *ls_conf_child(struct ls_conf *conf, const char *key, int type,
-                                      bool needed);
+const config_setting_t *ls_conf_child(struct ls_conf *conf, const char *key, int type, bool needed);
 
 /** Line of a setting, for messages. */
 unsigned ls_conf_line(const config_setting_t *setting);

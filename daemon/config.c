@@ -12,13 +12,13 @@
 
 enum { POSITIONS_MAX_BYTES = 4 << 20 };
 
-static const char *const channel_kinds[] = { "spectrum", "polariser", NULL };
+static const char *const channel_kinds[] = {"spectrum", "polariser", NULL};
 /* What a Timed camera starts with; a take writes every step's own. */
 #define TIMED_US 1000.0
 
-static const char *const unit_words[] = { "m", "cm", "mm", NULL };
-static const char *const trigger_words[] = { "line", "software", NULL };
-static const char *const exposure_words[] = { "width", "timed", NULL };
+static const char *const unit_words[] = {"m", "cm", "mm", NULL};
+static const char *const trigger_words[] = {"line", "software", NULL};
+static const char *const exposure_words[] = {"width", "timed", NULL};
 
 /* A path in a configuration file is relative to that file. Takes @path (transfer full). */
 static char *beside(const char *file, char *path)
@@ -41,9 +41,10 @@ static void read_channel(struct ls_conf *list, const config_setting_t *group,
     out->name = ls_conf_need_string(&c, "name");
     out->polariser = ls_conf_word(&c, "kind", channel_kinds, 0) == 1;
     out->spectrum = beside(list->file, ls_conf_string(&c, "spectrum", NULL));
-    if (out->name && (!*out->name || strlen(out->name) > 8 || strspn(out->name,
-                      "ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789") !=
-                      strlen(out->name)))
+    if (out->name &&
+        (!*out->name || strlen(out->name) > 8 ||
+         strspn(out->name, "ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789") !=
+             strlen(out->name)))
         ls_conf_error(&c, "name", "\"%s\": expected 1 to 8 letters or digits", out->name);
     list->err = list->err ? list->err : ls_conf_finish(&c);
 }
@@ -82,21 +83,21 @@ static void read_camera_driver(struct ls_conf *c, struct ls_camera_config *d)
     d->offset_y = (uint32_t)ls_conf_int(c, "offset_y", 0, 0, 65535);
     d->pixel_format = ls_conf_need_string(c, "pixel_format");
     d->packet_size = (uint32_t)ls_conf_int(c, "packet_size", 9000, 576, 65000);
-    d->frame_retention_us =
-        (uint32_t)ls_conf_int(c, "frame_retention_us", 200000, 1000, 10000000);
+    d->frame_retention_us = (uint32_t)ls_conf_int(c, "frame_retention_us", 200000, 1000, 10000000);
     d->gain = ls_conf_number(c, "gain", 0, 0, 1000);
     d->chunks = ls_conf_bool(c, "chunks", true);
-    d->trigger = ls_conf_word(c, "trigger", trigger_words, 0) ? LS_TRIGGER_SOFTWARE
-                                                              : LS_TRIGGER_LINE;
-    d->exposure = ls_conf_word(c, "exposure", exposure_words,
-                               d->trigger == LS_TRIGGER_SOFTWARE ? 1 : 0)
-                      ? LS_EXPOSURE_TIMED
-                      : LS_EXPOSURE_WIDTH;
+    d->trigger =
+        ls_conf_word(c, "trigger", trigger_words, 0) ? LS_TRIGGER_SOFTWARE : LS_TRIGGER_LINE;
+    d->exposure =
+        ls_conf_word(c, "exposure", exposure_words, d->trigger == LS_TRIGGER_SOFTWARE ? 1 : 0)
+            ? LS_EXPOSURE_TIMED
+            : LS_EXPOSURE_WIDTH;
     d->exposure_us = TIMED_US;
     d->rt_priority = (int)ls_conf_int(c, "rt_priority", 20, 0, 98);
     if (d->trigger == LS_TRIGGER_SOFTWARE && d->exposure == LS_EXPOSURE_WIDTH)
-        ls_conf_error(c, "exposure", "\"width\" needs trigger = \"line\": a software trigger has "
-                                     "no width; use exposure = \"timed\"");
+        ls_conf_error(c, "exposure",
+                      "\"width\" needs trigger = \"line\": a software trigger has "
+                      "no width; use exposure = \"timed\"");
 }
 
 static void read_camera(struct ls_conf *list, const config_setting_t *group,
@@ -156,14 +157,14 @@ static void read_lights(struct ls_conf *rig, struct ls_config *config)
     LS_CLEANUP_FREE char *path = beside(rig->file, ls_conf_need_string(&c, "positions"));
     LS_CLEANUP_FREE char *axes = ls_conf_string(&c, "axes", "right,up,towards");
     const char *unit = unit_words[ls_conf_word(&c, "unit", unit_words, 0)];
-    struct ls_positions positions = { 0 };
+    struct ls_positions positions = {0};
     LS_CLEANUP_FREE char *text = NULL;
     size_t length = 0;
     if (!c.err)
         c.err = ls_file_read(path, POSITIONS_MAX_BYTES, &text, &length, c.diag);
     if (!c.err)
-        c.err = ls_positions_parse(text, length, path, axes, unit, LS_MAX_LIGHTS, &positions,
-                                   c.diag);
+        c.err =
+            ls_positions_parse(text, length, path, axes, unit, LS_MAX_LIGHTS, &positions, c.diag);
     if (c.err == LS_ERR_INVALID && c.diag && !strncmp(c.diag->text, "axes ", 5)) {
         struct ls_diag said = *c.diag;
         c.err = LS_OK;
@@ -225,11 +226,15 @@ static void read_daemon(struct ls_conf *c, struct ls_config *config, const char 
     config->storage = beside(path, ls_conf_need_string(c, "storage"));
     config->socket_path = beside(path, ls_conf_need_string(c, "socket"));
     config->calibration_path = beside(path, ls_conf_string(c, "calibration", NULL));
-    config->merge_threads =
-        (uint32_t)ls_conf_int(c, "merge_threads", cpus < 1 ? 1 : cpus > 8 ? 8 : cpus, 1, 64);
+    config->merge_threads = (uint32_t)ls_conf_int(c, "merge_threads",
+                                                  cpus < 1   ? 1
+                                                  : cpus > 8 ? 8
+                                                             : cpus,
+                                                  1, 64);
     config->ring_slots = (uint32_t)ls_conf_int(c, "ring_slots", 32, 16, 1024);
     config->retries = (uint32_t)ls_conf_int(c, "retries", 3, 0, 100);
-    config->reserve_bytes = (uint64_t)ls_conf_int(c, "reserve_bytes", 64 << 20, 0, INT64_C(1) << 50);
+    config->reserve_bytes =
+        (uint64_t)ls_conf_int(c, "reserve_bytes", 64 << 20, 0, INT64_C(1) << 50);
     read_controller(c, &config->lights_driver);
     LS_CLEANUP_FREE char *rig = beside(path, ls_conf_need_string(c, "rig"));
     if (!c->err)

@@ -23,9 +23,9 @@ enum {
 };
 
 struct ls_config_channel {
-    char *name;         /* "W" */
-    bool polariser;     /* kind = "polariser", else "spectrum" */
-    char *spectrum;     /* CSV path, or NULL if unknown */
+    char *name;     /* "W" */
+    bool polariser; /* kind = "polariser", else "spectrum" */
+    char *spectrum; /* CSV path, or NULL if unknown */
 };
 
 /** One camera of the rig: how to reach it, where it stands, what its numbers mean. */
@@ -38,9 +38,9 @@ struct ls_config_camera {
     double full_scale_dn;        /* clip value of the raw format */
     double black_dn;             /* nominal; darks measure it */
     double electrons_per_dn, read_noise_dn;
-    double exposure_offset_us;   /* added by the sensor to a TriggerWidth pulse */
-    double max_fps;              /* triggers closer than 1 / max_fps are missed */
-    bool black_check;            /* refuse a clipped black level */
+    double exposure_offset_us; /* added by the sensor to a TriggerWidth pulse */
+    double max_fps;            /* triggers closer than 1 / max_fps are missed */
+    bool black_check;          /* refuse a clipped black level */
 };
 
 struct ls_config_light {

@@ -15,7 +15,7 @@ enum ls_disk_op {
     LS_DISK_CREATE,
     LS_DISK_ALLOCATE, /* fallocate */
     LS_DISK_WRITE,
-    LS_DISK_SYNC,     /* fdatasync of a file */
+    LS_DISK_SYNC, /* fdatasync of a file */
     LS_DISK_RENAME,
     LS_DISK_SYNC_DIR,
     LS_DISK_TRUNCATE,

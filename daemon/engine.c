@@ -28,7 +28,7 @@ struct ls_engine {
     void *user;
     GMainContext *main;
     struct ls_probe *probe; /* released before anybody else opens a device */
-    struct ls_take *take; /* NULL: none runs */
+    struct ls_take *take;   /* NULL: none runs */
     GThread *thread;
     GSource *timer;
     struct ls_take_status status;
@@ -66,13 +66,13 @@ enum ls_err ls_engine_create(const struct ls_config *config, ls_take_callback *c
     e->user = user;
     e->main = g_main_context_ref_thread_default();
     e->probe = ls_probe_create(config, probe_remember_us, probe_wait_us);
-    enum ls_err err = e->probe ? load_calibration(e, diag)
-                               : ls_fail(diag, LS_ERR_NOMEM, "out of memory");
+    enum ls_err err =
+        e->probe ? load_calibration(e, diag) : ls_fail(diag, LS_ERR_NOMEM, "out of memory");
     if (err) {
         ls_engine_destroy(e);
         return err;
     }
-    e->context = (struct ls_take_context){ config, e->calibration_json, e->calibration };
+    e->context = (struct ls_take_context){config, e->calibration_json, e->calibration};
     *out = e;
     return LS_OK;
 }
@@ -133,7 +133,7 @@ static gpointer take_main(gpointer data)
 static void launch(struct ls_engine *e, struct ls_take *take, const char *token)
 {
     e->take = take;
-    e->status = (struct ls_take_status){ .state = LS_TAKE_PREPARING };
+    e->status = (struct ls_take_status){.state = LS_TAKE_PREPARING};
     snprintf(e->status.id, sizeof e->status.id, "%s", ls_take_id(take));
     snprintf(e->status.token, sizeof e->status.token, "%s", token);
     snprintf(e->tokens[e->n_tokens++ % TOKENS_REMEMBERED], sizeof e->tokens[0], "%s", token);
@@ -234,7 +234,7 @@ enum ls_err ls_engine_blank(struct ls_engine *e, struct ls_diag *diag)
 void ls_engine_status(struct ls_engine *e, struct ls_engine_status *out)
 {
     struct statvfs fs;
-    *out = (struct ls_engine_status){ .n_cameras = e->config->n_cameras, .take = e->status };
+    *out = (struct ls_engine_status){.n_cameras = e->config->n_cameras, .take = e->status};
     ls_privileges_missing(out->privileges, sizeof out->privileges);
     if (!statvfs(e->config->storage, &fs))
         out->disk_free_bytes = (uint64_t)fs.f_bavail * fs.f_frsize;

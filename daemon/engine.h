@@ -30,11 +30,11 @@ enum ls_take_state {
 /** Where the current (or last) take stands. */
 struct ls_take_status {
     enum ls_take_state state;
-    char id[128];       /* folder name, "" before it exists */
-    char token[64];     /* of the client that started it */
+    char id[128];   /* folder name, "" before it exists */
+    char token[64]; /* of the client that started it */
     struct ls_capture_progress progress;
     struct ls_capture_report report; /* once ended */
-    char message[512];  /* why it failed, what was repaired or is missing */
+    char message[512];               /* why it failed, what was repaired or is missing */
 };
 
 struct ls_engine_status {

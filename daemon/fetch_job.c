@@ -21,7 +21,7 @@ struct fetch_job {
     uint32_t camera;
     bool full_sphere, rgb, promoted, estimate, half;
     struct ls_demosaic_region region;
-    uint32_t *lights; /* NULL = all, until the first step */
+    uint32_t *lights;       /* NULL = all, until the first step */
     size_t n_lights, light; /* current index */
     uint32_t row;           /* next, in the region */
     uint32_t channel;

@@ -354,7 +354,8 @@ enum ls_err ls_field_source_promotable(const struct ls_field_source *source, uin
     if (!source->has_sphere[s])
         return ls_fail(diag, LS_ERR_STATE,
                        "take %s has no full sphere of channel %s whose duty is calibrated: it "
-                       "cannot be promoted", source->take, name);
+                       "cannot be promoted",
+                       source->take, name);
     if (source->n_white < source->field.n_lights)
         return ls_fail(diag, LS_ERR_STATE,
                        "take %s has %u of %u lights: promotion to %s needs all; resume the take",

@@ -51,9 +51,8 @@ struct ls_field_source {
  * LS_ERR_STATE (nothing published that could be served), LS_ERR_INVALID (damaged), LS_ERR_OS,
  * LS_ERR_NOMEM. *out: (transfer full).
  */
-LS_MUST_CHECK enum ls_err ls_field_source_open(const char *storage, const char *id,
-                                               uint32_t camera, struct ls_field_source **out,
-                                               struct ls_diag *diag);
+LS_MUST_CHECK enum ls_err ls_field_source_open(const char *storage, const char *id, uint32_t camera,
+                                               struct ls_field_source **out, struct ls_diag *diag);
 
 /** The picture of one light (or, @light < 0, of the full sphere) of a channel of the take's rig;
  * NULL if it was not photographed. *fact (may be NULL): what was planned. (transfer none). */
@@ -65,8 +64,7 @@ const struct ls_picture_map *ls_field_source_picture(const struct ls_field_sourc
 int ls_field_source_spectrum(const struct ls_field_source *source, uint32_t channel);
 
 /** Gain k of a channel's light; 1 where uncalibrated. */
-double ls_field_source_gain(const struct ls_field_source *source, uint32_t channel,
-                            uint32_t light);
+double ls_field_source_gain(const struct ls_field_source *source, uint32_t channel, uint32_t light);
 
 /** May spectrum @s be promoted? LS_ERR_STATE says what the take lacks: a full sphere, a light. */
 LS_MUST_CHECK enum ls_err ls_field_source_promotable(const struct ls_field_source *source,

@@ -43,8 +43,8 @@ static void step(struct ticket *ticket)
     if (ls_job_cancelled(ticket->job))
         result->err = ls_fail(&result->diag, LS_ERR_ABORTED, "cancelled by the client");
     else
-        result->err = ticket->job->ops->step(ticket->job, &result->chunk, &result->last,
-                                             &result->diag);
+        result->err =
+            ticket->job->ops->step(ticket->job, &result->chunk, &result->last, &result->diag);
 }
 
 /* Not g_main_context_invoke: it would call report here whenever ls-main is between iterations. */

@@ -6,14 +6,12 @@
  * the newline), a space, a compact JSON object, a newline. The object's "k" is its kind:
  *   ticket     the fields of struct ls_ticket by name; "shot" first
  *   published  "condition", "camera", "file", "bytes", "width", "height", "type" half|float,
- *              "crc": 8 hex digits per 64 x 64 tile, row-major: crc32c of the tile's decoded pixels,
- *              row after row, little-endian, as stored; "max": per tile the largest |value| as the
- *              4 (half) or 8 (float) hex digits of its bits, NaN ignored; with invalid pixels also
- *              "invalid": a count per tile and "validity": crc32c of the plane, uint8, row-major
- *   alarm      "text"
- *   state      "state"
- * "t" is CLOCK_MONOTONIC_RAW ns of the writer for alarm and state.
- * A line may be at most 4 MiB long.
+ *              "crc": 8 hex digits per 64 x 64 tile, row-major: crc32c of the tile's decoded
+ * pixels, row after row, little-endian, as stored; "max": per tile the largest |value| as the 4
+ * (half) or 8 (float) hex digits of its bits, NaN ignored; with invalid pixels also "invalid": a
+ * count per tile and "validity": crc32c of the plane, uint8, row-major alarm      "text" state
+ * "state" "t" is CLOCK_MONOTONIC_RAW ns of the writer for alarm and state. A line may be at most 4
+ * MiB long.
  */
 #ifndef LS_DAEMON_JOURNAL_H
 #define LS_DAEMON_JOURNAL_H

@@ -12,8 +12,7 @@
 
 enum { BACKLOG = 32 };
 
-static enum ls_err fill_address(const char *path, struct sockaddr_un *address,
-                                struct ls_diag *diag)
+static enum ls_err fill_address(const char *path, struct sockaddr_un *address, struct ls_diag *diag)
 {
     memset(address, 0, sizeof *address);
     address->sun_family = AF_UNIX;
@@ -38,8 +37,8 @@ static enum ls_err remove_stale(const struct sockaddr_un *address, struct ls_dia
     int fd = socket(AF_UNIX, SOCK_STREAM | SOCK_CLOEXEC | SOCK_NONBLOCK, 0);
     if (fd < 0)
         return ls_fail(diag, LS_ERR_OS, "socket: %s", strerror(errno));
-    int refused = connect(fd, (const struct sockaddr *)address, sizeof *address) &&
-                  errno == ECONNREFUSED;
+    int refused =
+        connect(fd, (const struct sockaddr *)address, sizeof *address) && errno == ECONNREFUSED;
     close(fd);
     if (!refused)
         return ls_fail(diag, LS_ERR_BUSY,

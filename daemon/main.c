@@ -43,11 +43,11 @@ static struct options parse_options(int argc, char **argv)
 {
     enum { READY_FD = 256, VERSION, CHECK };
     static const struct option longs[] = {
-        { "config", required_argument, NULL, 'c' },  { "ready-fd", required_argument, NULL, READY_FD },
-        { "check", no_argument, NULL, CHECK },       { "help", no_argument, NULL, 'h' },
-        { "version", no_argument, NULL, VERSION },   { 0 },
+        {"config", required_argument, NULL, 'c'}, {"ready-fd", required_argument, NULL, READY_FD},
+        {"check", no_argument, NULL, CHECK},      {"help", no_argument, NULL, 'h'},
+        {"version", no_argument, NULL, VERSION},  {0},
     };
-    struct options o = { .ready_fd = -1 };
+    struct options o = {.ready_fd = -1};
     for (int c; (c = getopt_long(argc, argv, "c:h", longs, NULL)) != -1;) {
         switch (c) {
         case 'c':
@@ -111,8 +111,8 @@ static enum ls_err prepare(struct daemon *d, const struct options *o, struct ls_
 
 static enum ls_err listen_for_clients(struct daemon *d, struct ls_diag *diag)
 {
-    const struct ls_server_config server = { .socket_path = d->config->socket_path,
-                                             .storage = d->config->storage };
+    const struct ls_server_config server = {.socket_path = d->config->socket_path,
+                                            .storage = d->config->storage};
     return ls_server_create(&server, d->engine, &d->server, diag);
 }
 
@@ -143,8 +143,8 @@ static void run(struct daemon *d, int ready_fd)
 int main(int argc, char **argv)
 {
     const struct options o = parse_options(argc, argv);
-    struct daemon d = { 0 };
-    struct ls_diag diag = { 0 };
+    struct daemon d = {0};
+    struct ls_diag diag = {0};
     signal(SIGPIPE, SIG_IGN);
     signal(SIGXFSZ, SIG_IGN); /* a write beyond a file size limit is an error of the store */
     enum ls_err err = prepare(&d, &o, &diag);

@@ -112,14 +112,14 @@ static enum ls_err publish(struct ls_merge_stage *stage, uint32_t camera, uint32
     const struct ls_capture_setup *setup = stage->config.setup;
     struct ls_exr_attrs attrs = {0};
     const struct ls_picture_facts about = {.config = setup->config,
-                                     .plan = setup->plan,
-                                     .info = ls_camera_info(setup->cameras[camera]),
-                                     .camera = camera,
-                                     .condition = condition,
-                                     .take = ls_store_id(setup->store),
-                                     .utc_s = stage->config.utc_s,
-                                     .reference_exposure_s = setup->reference_exposure_s,
-                                     .longest_exposure_s = longest_exposure_s};
+                                           .plan = setup->plan,
+                                           .info = ls_camera_info(setup->cameras[camera]),
+                                           .camera = camera,
+                                           .condition = condition,
+                                           .take = ls_store_id(setup->store),
+                                           .utc_s = stage->config.utc_s,
+                                           .reference_exposure_s = setup->reference_exposure_s,
+                                           .longest_exposure_s = longest_exposure_s};
     ls_picture_attributes(&about, &attrs);
     mosaic->width = stage->cameras[camera].width;
     mosaic->height = stage->cameras[camera].height;

@@ -37,8 +37,8 @@ static enum ls_err check(const struct ls_picture_map *map, const char *path, uin
 {
     const struct ls_exr_tiles *t = &map->tiles;
     if (t->width != width || t->height != height)
-        return ls_fail(diag, LS_ERR_INVALID, "%s: %u x %u pixels, expected %u x %u", path,
-                       t->width, t->height, width, height);
+        return ls_fail(diag, LS_ERR_INVALID, "%s: %u x %u pixels, expected %u x %u", path, t->width,
+                       t->height, width, height);
     if (t->type != LS_EXR_HALF || t->tile_w != LS_EXR_TILE_PX || t->tile_h != LS_EXR_TILE_PX)
         return ls_fail(diag, LS_ERR_INVALID, "%s: expected half floats in tiles of 64 x 64", path);
     return LS_OK;

@@ -13,8 +13,7 @@
 struct ls_demosaic_region ls_picture_region_of(const Lightstage__Region *region);
 
 /** Make "the whole" explicit. LS_ERR_LIMIT: not inside @width x @height. */
-LS_MUST_CHECK enum ls_err ls_picture_region_check(struct ls_demosaic_region *region,
-                                                  uint32_t width, uint32_t height,
-                                                  struct ls_diag *diag);
+LS_MUST_CHECK enum ls_err ls_picture_region_check(struct ls_demosaic_region *region, uint32_t width,
+                                                  uint32_t height, struct ls_diag *diag);
 
 #endif

@@ -16,8 +16,8 @@ enum {
     TRIGGER_MARGIN_US = 500, /* pulse end to next pulse: sensor transfer and line latency */
 };
 
-static const char *const subject_words[] = { "still", "live", NULL };
-static const char *const kind_words[] = { "each", "sphere", "segment", NULL };
+static const char *const subject_words[] = {"still", "live", NULL};
+static const char *const kind_words[] = {"each", "sphere", "segment", NULL};
 enum kind { KIND_EACH, KIND_SPHERE, KIND_SEGMENT };
 
 /* The plan while it grows. */
@@ -46,7 +46,7 @@ static struct ls_plan_condition *add_condition(struct ls_conf *c, struct builder
         return NULL;
     }
     struct ls_plan_condition *out = &b->plan->conditions[b->plan->n_conditions++];
-    *out = (struct ls_plan_condition){ .light = -1, .channel = -1, .repeats = 1 };
+    *out = (struct ls_plan_condition){.light = -1, .channel = -1, .repeats = 1};
     return out;
 }
 
@@ -63,8 +63,8 @@ static void add_one(struct ls_conf *c, struct builder *b, uint16_t light, uint16
     struct ls_plan_condition *cond = led ? add_condition(c, b) : NULL;
     if (!cond)
         return;
-    *led = (struct ls_led){ .light = address(b, light), .channel = channel, .level = level };
-    cond->lights = (struct ls_condition){ LS_CONDITION_ONE, 1, led };
+    *led = (struct ls_led){.light = address(b, light), .channel = channel, .level = level};
+    cond->lights = (struct ls_condition){LS_CONDITION_ONE, 1, led};
     cond->light = light;
     cond->channel = channel;
     snprintf(cond->id, sizeof cond->id, "%s-%04u", b->config->channels[channel].name, light);
@@ -76,8 +76,8 @@ static void add_sphere(struct ls_conf *c, struct builder *b, uint16_t channel, u
     struct ls_plan_condition *cond = led ? add_condition(c, b) : NULL;
     if (!cond)
         return;
-    *led = (struct ls_led){ .channel = channel, .level = level };
-    cond->lights = (struct ls_condition){ LS_CONDITION_SPHERE, 1, led };
+    *led = (struct ls_led){.channel = channel, .level = level};
+    cond->lights = (struct ls_condition){LS_CONDITION_SPHERE, 1, led};
     cond->channel = channel;
     snprintf(cond->id, sizeof cond->id, "sphere-%s", b->config->channels[channel].name);
 }
@@ -90,8 +90,9 @@ static void add_segment(struct ls_conf *c, struct builder *b, const uint16_t *li
     if (!cond)
         return;
     for (uint32_t i = 0; i < n; i++)
-        leds[i] = (struct ls_led){ .light = address(b, lights[i]), .channel = channel, .level = level };
-    cond->lights = (struct ls_condition){ LS_CONDITION_SEGMENT, n, leds };
+        leds[i] =
+            (struct ls_led){.light = address(b, lights[i]), .channel = channel, .level = level};
+    cond->lights = (struct ls_condition){LS_CONDITION_SEGMENT, n, leds};
     cond->channel = channel;
     snprintf(cond->id, sizeof cond->id, "segment%u-%s", b->segments,
              b->config->channels[channel].name);
@@ -213,7 +214,7 @@ static void add_darks(struct ls_conf *c, struct builder *b)
         struct ls_plan_condition *cond = add_condition(c, b);
         if (!cond)
             return;
-        cond->lights = (struct ls_condition){ .kind = LS_CONDITION_DARK };
+        cond->lights = (struct ls_condition){.kind = LS_CONDITION_DARK};
         cond->dark = true;
         cond->exposure = (uint8_t)e;
         cond->repeats = (uint16_t)k;
@@ -266,8 +267,8 @@ static uint32_t default_period_us(const struct ls_plan *plan, const struct ls_co
 static void read_plan(struct ls_conf *c, struct builder *b)
 {
     struct ls_plan *plan = b->plan;
-    plan->subject = ls_conf_word(c, "subject", subject_words, -1) ? LS_SUBJECT_LIVE
-                                                                  : LS_SUBJECT_STILL;
+    plan->subject =
+        ls_conf_word(c, "subject", subject_words, -1) ? LS_SUBJECT_LIVE : LS_SUBJECT_STILL;
     plan->allow_flashing = ls_conf_bool(c, "allow_flashing", false);
     plan->keep_raw = ls_conf_bool(c, "keep_raw", false);
     read_exposures(c, plan);
@@ -287,7 +288,7 @@ enum ls_err ls_plan_parse(const char *text, const struct ls_config *config, stru
 {
     config_t tree;
     struct ls_conf c;
-    struct builder b = { .plan = calloc(1, sizeof *b.plan), .config = config };
+    struct builder b = {.plan = calloc(1, sizeof *b.plan), .config = config};
     if (b.plan) {
         b.plan->conditions = calloc(MAX_CONDITIONS, sizeof *b.plan->conditions);
         b.plan->leds = calloc(MAX_LEDS, sizeof *b.plan->leds);

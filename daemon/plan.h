@@ -43,14 +43,14 @@ struct ls_plan {
     char name[65];
     enum ls_subject subject;
     bool allow_flashing, keep_raw;
-    uint32_t period_us;          /* pulse start to pulse start, at least */
+    uint32_t period_us; /* pulse start to pulse start, at least */
     uint32_t settle_us;
-    uint32_t n_exposures;        /* shortest first */
+    uint32_t n_exposures; /* shortest first */
     uint32_t pulse_us[LS_MAX_EXPOSURES];
     uint32_t n_conditions, n_steps;
     struct ls_plan_condition *conditions;
     struct ls_plan_step *steps;
-    struct ls_led *leds;         /* storage of the conditions' leds */
+    struct ls_led *leds; /* storage of the conditions' leds */
 };
 
 /**

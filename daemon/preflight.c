@@ -10,11 +10,11 @@
 #include <string.h>
 
 enum {
-    TICKET_BYTES = 768,          /* of journal per shot and attempt, at most */
+    TICKET_BYTES = 768, /* of journal per shot and attempt, at most */
     PUBLISHED_BYTES_PER_TILE = 40,
     PUBLISHED_BYTES = 512,
-    DOCUMENT_BYTES = 8 << 20,    /* take.json, twice */
-    FLASH_LOW_HZ = 3,            /* visible flashing of a live subject */
+    DOCUMENT_BYTES = 8 << 20, /* take.json, twice */
+    FLASH_LOW_HZ = 3,         /* visible flashing of a live subject */
     FLASH_HIGH_HZ = 30,
 };
 
@@ -56,11 +56,11 @@ static enum ls_err check_program(const struct ls_preflight_input *in, struct ls_
         for (uint32_t i = 0; i < p->n_conditions; i++)
             conditions[i] = p->conditions[i].lights;
         for (uint32_t i = 0; i < p->n_steps; i++)
-            steps[i] = (struct ls_step){ .condition = p->steps[i].condition,
-                                         .pulse_us = p->pulse_us[p->steps[i].exposure],
-                                         .settle_us = p->settle_us };
-        const struct ls_program program = { conditions, p->n_conditions, steps, p->n_steps,
-                                            p->period_us };
+            steps[i] = (struct ls_step){.condition = p->steps[i].condition,
+                                        .pulse_us = p->pulse_us[p->steps[i].exposure],
+                                        .settle_us = p->settle_us};
+        const struct ls_program program = {conditions, p->n_conditions, steps, p->n_steps,
+                                           p->period_us};
         err = ls_lights_test(in->lights, &program, diag);
     }
     free(conditions);
@@ -128,9 +128,8 @@ uint64_t ls_preflight_bytes(const struct ls_preflight_input *in)
         const struct ls_camera_info *c = in->cameras[k];
         uint64_t tiles = (uint64_t)((c->width + 63) / 64) * ((c->height + 63) / 64);
         for (uint32_t i = 0; i < p->n_conditions; i++)
-            bytes += ls_exr_mosaic_bytes_max(c->width, c->height, p->conditions[i].dark
-                                                                      ? LS_EXR_FLOAT
-                                                                      : LS_EXR_HALF) +
+            bytes += ls_exr_mosaic_bytes_max(c->width, c->height,
+                                             p->conditions[i].dark ? LS_EXR_FLOAT : LS_EXR_HALF) +
                      PUBLISHED_BYTES + tiles * PUBLISHED_BYTES_PER_TILE;
         bytes += (uint64_t)p->n_steps * TICKET_BYTES * (1 + in->config->retries);
         if (p->keep_raw)
@@ -163,8 +162,9 @@ static void warn_of_darks(const struct ls_preflight_input *in, struct ls_preflig
     double ratio = (double)single / darks;
     out->dark_noise_share = ratio / (1 + ratio);
     if (out->dark_noise_share > 0.9)
-        warn(out, "darks: with %u of them %.0f %% of a relit picture's noise power comes from the "
-                  "darks; %u would halve it",
+        warn(out,
+             "darks: with %u of them %.0f %% of a relit picture's noise power comes from the "
+             "darks; %u would halve it",
              darks, 100 * out->dark_noise_share, single);
 }
 
@@ -194,8 +194,9 @@ static void warn_of_cameras(const struct ls_preflight_input *in, struct ls_prefl
         if (in->cameras[k]->unverified[0])
             warn(out, "camera %u cannot set or prove: %.300s", k, in->cameras[k]->unverified);
         if (!in->cameras[k]->packet_socket)
-            warn(out, "camera %u is received over UDP: without CAP_NET_RAW a busy machine loses "
-                      "more packets",
+            warn(out,
+                 "camera %u is received over UDP: without CAP_NET_RAW a busy machine loses "
+                 "more packets",
                  k);
     }
 }
@@ -203,12 +204,12 @@ static void warn_of_cameras(const struct ls_preflight_input *in, struct ls_prefl
 enum ls_err ls_preflight_check(const struct ls_preflight_input *in, struct ls_preflight *out,
                                struct ls_diag *diag)
 {
-    *out = (struct ls_preflight){ .conditions = in->plan->n_conditions,
-                                  .steps = in->plan->n_steps,
-                                  .shots = in->plan->n_steps * in->config->n_cameras,
-                                  .seconds = seconds(in->plan),
-                                  .bytes = ls_preflight_bytes(in),
-                                  .disk_free_bytes = in->disk_free_bytes };
+    *out = (struct ls_preflight){.conditions = in->plan->n_conditions,
+                                 .steps = in->plan->n_steps,
+                                 .shots = in->plan->n_steps * in->config->n_cameras,
+                                 .seconds = seconds(in->plan),
+                                 .bytes = ls_preflight_bytes(in),
+                                 .disk_free_bytes = in->disk_free_bytes};
     enum ls_err err = check_rig(in, diag);
     if (!err)
         err = check_program(in, diag);

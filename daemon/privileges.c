@@ -13,7 +13,7 @@ enum { LOCKED_BYTES_WANTED = 1 << 30 }; /* a few rings of 32 frames */
 
 static bool capable(unsigned cap)
 {
-    struct __user_cap_header_struct header = { .version = _LINUX_CAPABILITY_VERSION_3 };
+    struct __user_cap_header_struct header = {.version = _LINUX_CAPABILITY_VERSION_3};
     struct __user_cap_data_struct data[2];
     if (syscall(SYS_capget, &header, data))
         return false;

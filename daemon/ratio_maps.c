@@ -13,24 +13,25 @@ struct pass {
     const struct ls_field *field;
     uint32_t spectra[LS_FIELD_MAX_SPECTRA], n;
     float *made[LS_FIELD_MAX_SPECTRA];
-    float *rows;        /* [n][n_lights], the weights of V */
-    float *spheres;     /* [n][n_spectra], the weights of F */
-    float *v, *f;       /* [n][window] mosaics */
+    float *rows;                          /* [n][n_lights], the weights of V */
+    float *spheres;                       /* [n][n_spectra], the weights of F */
+    float *v, *f;                         /* [n][window] mosaics */
     float *v_rgb, *f_rgb, *sigma, *ratio; /* padded band, [height][width][n_channels] */
 };
 
 struct band {
-    uint32_t y0, y1;                   /* rows wanted */
-    struct ls_demosaic_region padded;  /* with the ratio's halo */
-    struct ls_tile_region tiles;       /* with the demosaic's halo around that */
-    struct ls_demosaic_region window;  /* the same, in pixels */
+    uint32_t y0, y1;                  /* rows wanted */
+    struct ls_demosaic_region padded; /* with the ratio's halo */
+    struct ls_tile_region tiles;      /* with the demosaic's halo around that */
+    struct ls_demosaic_region window; /* the same, in pixels */
 };
 
 static struct band band_at(const struct ls_field *field, uint32_t y0)
 {
     uint32_t y1 = field->height - y0 > BAND_ROWS ? y0 + BAND_ROWS : field->height;
     uint32_t top = y0 > LS_PROMOTE_HALO_PX ? y0 - LS_PROMOTE_HALO_PX : 0;
-    uint32_t end = field->height - y1 > LS_PROMOTE_HALO_PX ? y1 + LS_PROMOTE_HALO_PX : field->height;
+    uint32_t end =
+        field->height - y1 > LS_PROMOTE_HALO_PX ? y1 + LS_PROMOTE_HALO_PX : field->height;
     struct band band = {.y0 = y0, .y1 = y1, .padded = {0, top, field->width, end - top}};
     band.tiles = ls_region_of_pixels(field, 0, top, field->width, end, LS_DEMOSAIC_HALO);
     band.window = (struct ls_demosaic_region){
@@ -84,8 +85,7 @@ static enum ls_err pass_init(struct pass *pass, struct ls_diag *diag)
     for (uint32_t i = 0; i < pass->n; i++) {
         uint32_t s = pass->spectra[i];
         ls_promote_denominator_row(field, s, pass->rows + (size_t)i * field->n_lights);
-        pass->spheres[(size_t)i * field->n_spectra + s] =
-            (float)ls_promote_sphere_factor(field, s);
+        pass->spheres[(size_t)i * field->n_spectra + s] = (float)ls_promote_sphere_factor(field, s);
     }
     return LS_OK;
 }
@@ -95,10 +95,8 @@ static enum ls_err accumulate(const struct pass *pass, const struct ls_picture *
                               float *sums, struct ls_diag *diag)
 {
     struct ls_accumulate_report report;
-    struct ls_accumulate_job job = {.pictures = pictures,
-                                    .n_pictures = n_pictures,
-                                    .n_sums = pass->n,
-                                    .weights = weights};
+    struct ls_accumulate_job job = {
+        .pictures = pictures, .n_pictures = n_pictures, .n_sums = pass->n, .weights = weights};
     return ls_accumulate(pass->field, &job, &band->tiles, sums, &report, diag);
 }
 
@@ -120,8 +118,8 @@ static enum ls_err one_ratio(struct pass *pass, const struct band *band, uint32_
                                   pass->f_rgb);
     if (err)
         return err;
-    ls_promote_sigma(field, pass->rows + (size_t)i * field->n_lights, field->n_lights,
-                     pass->v_rgb, n, pass->sigma);
+    ls_promote_sigma(field, pass->rows + (size_t)i * field->n_lights, field->n_lights, pass->v_rgb,
+                     n, pass->sigma);
     if (colours > 1)
         ls_promote_add_contrast(pass->v_rgb, band->padded.width, band->padded.height, colours,
                                 pass->sigma);

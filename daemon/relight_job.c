@@ -90,9 +90,8 @@ static enum ls_err add_sum(struct relight_job *self, uint32_t spectrum, int32_t 
     struct sum sum = {.spectrum = spectrum, .channel = channel, .weights = row};
     if (row_is_zero(self, row))
         return LS_OK;
-    enum ls_err err = spectrum == 0 ? LS_OK
-                                    : ls_field_source_ratio(self->source, spectrum, &sum.ratio,
-                                                            diag);
+    enum ls_err err =
+        spectrum == 0 ? LS_OK : ls_field_source_ratio(self->source, spectrum, &sum.ratio, diag);
     if (!err)
         self->sums[self->n_sums++] = sum;
     return err;
@@ -126,8 +125,8 @@ static void fill_row(struct relight_job *self, uint32_t q, double *w)
     for (uint32_t i = 0; i < self->n_lights; i++)
         w[i] = (double)self->weights[(size_t)sum->weights * self->n_lights + i];
     if (self->mode == LIGHTSTAGE__WEIGHT_MODE__TRISTIMULUS)
-        ls_relight_tristimulus_row(field, w, 1,
-                                   field->n_channels == 1 ? 0 : (uint32_t)sum->channel, row);
+        ls_relight_tristimulus_row(field, w, 1, field->n_channels == 1 ? 0 : (uint32_t)sum->channel,
+                                   row);
     else
         ls_relight_row(field, w, 1, row);
 }
@@ -146,7 +145,8 @@ static enum ls_err check_lights(struct relight_job *self, struct ls_diag *diag)
     if (missing > 0)
         return ls_fail(diag, LS_ERR_STATE,
                        "take %s lacks the pictures of %u lights that this light needs (light %u is "
-                       "the first); resume the take", self->take, missing, first);
+                       "the first); resume the take",
+                       self->take, missing, first);
     return LS_OK;
 }
 
@@ -178,8 +178,8 @@ static enum ls_err start(struct relight_job *self, struct ls_diag *diag)
     if (err)
         return err;
     if (self->n_lights != self->source->field.n_lights)
-        return ls_fail(diag, LS_ERR_LIMIT, "weights for %u lights, the take has %u",
-                       self->n_lights, self->source->field.n_lights);
+        return ls_fail(diag, LS_ERR_LIMIT, "weights for %u lights, the take has %u", self->n_lights,
+                       self->source->field.n_lights);
     err = ls_picture_region_check(&self->region, self->source->width, self->source->height, diag);
     if (!err)
         err = choose_sums(self, diag);
@@ -237,8 +237,7 @@ static enum ls_err append(struct relight_job *self, const float *fresh, uint32_t
     for (uint32_t q = 0; q < self->n_sums; q++) {
         float *to = grown + q * (kept + rows) * width;
         if (kept > 0)
-            memcpy(to, self->mosaics + (q * old_rows + skip) * width,
-                   kept * width * sizeof(float));
+            memcpy(to, self->mosaics + (q * old_rows + skip) * width, kept * width * sizeof(float));
         memcpy(to + kept * width, fresh + q * rows * width, rows * width * sizeof(float));
     }
     free(self->mosaics);
@@ -266,7 +265,10 @@ static enum ls_err read_tile_row(struct relight_job *self, struct ls_diag *diag)
     enum ls_err err = accumulate(self, &tiles, fresh, diag);
     if (!err)
         err = append(self, fresh, rows,
-                     need < self->window.y ? self->window.y : need < end ? need : end, diag);
+                     need < self->window.y ? self->window.y
+                     : need < end          ? need
+                                           : end,
+                     diag);
     free(fresh);
     return err;
 }
@@ -293,9 +295,8 @@ static enum ls_err finish_band(const struct relight_job *self, struct ls_demosai
         float *ratio = self->sums[q].ratio ? ratios + q * pixels : NULL;
         if (ratio)
             cut_ratio(self, self->sums[q].ratio, band, ratio);
-        terms[q] = (struct ls_relight_term){.sum = self->mosaics + q * window,
-                                            .ratio = ratio,
-                                            .channel = self->sums[q].channel};
+        terms[q] = (struct ls_relight_term){
+            .sum = self->mosaics + q * window, .ratio = ratio, .channel = self->sums[q].channel};
     }
     return ls_relight_finish(field, self->window, band, terms, self->n_sums, NULL, out, diag);
 }
@@ -307,8 +308,8 @@ static enum ls_err make_band(const struct relight_job *self, struct ls_demosaic_
     enum ls_err err = LS_OK;
     chunk->payload_bytes = pixels * 3 * sizeof(float);
     chunk->payload = calloc(1, chunk->payload_bytes);
-    float *ratios = malloc((self->n_sums + 1) * pixels * self->source->field.n_channels *
-                           sizeof(float));
+    float *ratios =
+        malloc((self->n_sums + 1) * pixels * self->source->field.n_channels * sizeof(float));
     if (!chunk->payload || !ratios)
         err = ls_fail(diag, LS_ERR_NOMEM, "out of memory");
     else if (self->n_sums > 0)
@@ -332,9 +333,8 @@ static enum ls_err send_band(struct relight_job *self, uint32_t end_y, struct ls
     body.n_rows = band.height;
     body.calibrated = self->source->calibrated;
     self->out_y = end_y;
-    return ls_message_frame(LS_MESSAGE_RELIGHT | LS_MESSAGE_REPLY, self->job.request, 0,
-                            &body.base, chunk->payload_bytes, &chunk->head, &chunk->head_bytes,
-                            diag);
+    return ls_message_frame(LS_MESSAGE_RELIGHT | LS_MESSAGE_REPLY, self->job.request, 0, &body.base,
+                            chunk->payload_bytes, &chunk->head, &chunk->head_bytes, diag);
 }
 
 static enum ls_err send_report(struct relight_job *self, struct ls_chunk *chunk,
@@ -350,8 +350,8 @@ static enum ls_err send_report(struct relight_job *self, struct ls_chunk *chunk,
     body.error_bound = self->report.bound * self->source->field.scale;
     body.seconds = self->seconds;
     body.calibrated = self->source->calibrated;
-    return ls_message_frame(LS_MESSAGE_RELIGHT | LS_MESSAGE_REPLY, self->job.request,
-                            LS_FRAME_LAST, &body.base, 0, &chunk->head, &chunk->head_bytes, diag);
+    return ls_message_frame(LS_MESSAGE_RELIGHT | LS_MESSAGE_REPLY, self->job.request, LS_FRAME_LAST,
+                            &body.base, 0, &chunk->head, &chunk->head_bytes, diag);
 }
 
 static enum ls_err next_frame(struct relight_job *self, struct ls_chunk *chunk, bool *last,
@@ -384,8 +384,8 @@ static enum ls_err relight_step(struct ls_job *job, struct ls_chunk *chunk, bool
 
 /* ---- making ---- */
 
-static enum ls_err check(const Lightstage__Relight *relight, uint32_t n_rows,
-                         size_t payload_bytes, struct ls_diag *diag)
+static enum ls_err check(const Lightstage__Relight *relight, uint32_t n_rows, size_t payload_bytes,
+                         struct ls_diag *diag)
 {
     bool tristimulus = relight->mode == LIGHTSTAGE__WEIGHT_MODE__TRISTIMULUS;
     if (relight->mode > LIGHTSTAGE__WEIGHT_MODE__PER_TARGET)

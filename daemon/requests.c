@@ -51,8 +51,8 @@ static const char *lights_state_name(enum ls_lights_state state)
 
 static size_t fault_names(uint32_t faults, char *out[8])
 {
-    static const char *const names[] = {"interlock",  "e-stop",    "over-temperature",
-                                        "over-current", "over-duty", "heartbeat",
+    static const char *const names[] = {"interlock",     "e-stop",    "over-temperature",
+                                        "over-current",  "over-duty", "heartbeat",
                                         "program memory"};
     size_t n = 0;
     for (size_t i = 0; i < G_N_ELEMENTS(names); i++)
@@ -325,22 +325,24 @@ static void handle_take_progress(const struct call *call)
 
 static void handle_take_list(const struct call *call)
 {
-    ls_session_run(call->session, ls_take_list_job(
-        call->id, ls_session_service(call->session)->config.storage));
+    ls_session_run(call->session,
+                   ls_take_list_job(call->id, ls_session_service(call->session)->config.storage));
 }
 
 static void handle_take_show(const struct call *call)
 {
     const Lightstage__TakeShow *show = (const Lightstage__TakeShow *)call->message;
-    ls_session_run(call->session, ls_take_show_job(
-        call->id, ls_session_service(call->session)->config.storage, show->take));
+    ls_session_run(
+        call->session,
+        ls_take_show_job(call->id, ls_session_service(call->session)->config.storage, show->take));
 }
 
 static void handle_take_verify(const struct call *call)
 {
     const Lightstage__TakeVerify *verify = (const Lightstage__TakeVerify *)call->message;
-    ls_session_run(call->session, ls_take_verify_job(
-        call->id, ls_session_service(call->session)->config.storage, verify->take));
+    ls_session_run(call->session,
+                   ls_take_verify_job(call->id, ls_session_service(call->session)->config.storage,
+                                      verify->take));
 }
 
 /* ---- pictures ---- */

@@ -27,9 +27,9 @@ static enum ls_err open_camera(struct ls_rig *rig, uint32_t i, struct ls_diag *d
 
 enum ls_err ls_rig_open(const struct ls_config *config, struct ls_rig *rig, struct ls_diag *diag)
 {
-    struct ls_diag local = { 0 };
+    struct ls_diag local = {0};
     diag = diag ? diag : &local;
-    *rig = (struct ls_rig){ .config = config };
+    *rig = (struct ls_rig){.config = config};
     enum ls_err err = ls_lights_open(&config->lights_driver, &rig->lights, diag);
     if (err)
         err = name_device(err, "dome controller", diag);
@@ -45,5 +45,5 @@ void ls_rig_close(struct ls_rig *rig)
     for (uint32_t i = 0; i < LS_MAX_CAMERAS; i++)
         ls_camera_close(rig->cameras[i]);
     ls_lights_close(rig->lights);
-    *rig = (struct ls_rig){ 0 };
+    *rig = (struct ls_rig){0};
 }

@@ -19,13 +19,13 @@
 /** 0 = the default in brackets. Strings: (transfer none). */
 struct ls_server_config {
     const char *socket_path;
-    const char *storage;       /* folder of the takes */
-    unsigned max_connections;  /* [64] */
-    unsigned max_requests;     /* in flight on one connection [8] */
-    unsigned serve_threads;    /* [processors, 2 to 4] */
-    unsigned hello_ms;         /* for the first message [10000] */
-    unsigned stall_ms;         /* without progress while something waits [30000] */
-    uint64_t max_payload;      /* of a request [1 MiB] */
+    const char *storage;      /* folder of the takes */
+    unsigned max_connections; /* [64] */
+    unsigned max_requests;    /* in flight on one connection [8] */
+    unsigned serve_threads;   /* [processors, 2 to 4] */
+    unsigned hello_ms;        /* for the first message [10000] */
+    unsigned stall_ms;        /* without progress while something waits [30000] */
+    uint64_t max_payload;     /* of a request [1 MiB] */
 };
 
 struct ls_server;

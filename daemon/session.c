@@ -14,8 +14,8 @@
 
 enum {
     READ_BYTES = 64 * 1024,
-    OUTBOX_HIGH = 1024 * 1024,  /* above: no new frames are made, nothing more is read */
-    DRAIN_BYTES = 1024 * 1024,  /* read and dropped before closing */
+    OUTBOX_HIGH = 1024 * 1024, /* above: no new frames are made, nothing more is read */
+    DRAIN_BYTES = 1024 * 1024, /* read and dropped before closing */
 };
 
 struct ls_session {
@@ -24,15 +24,15 @@ struct ls_session {
     struct ls_peer peer;
     struct ls_frame_decoder decoder;
     struct ls_outbox outbox;
-    guint reading, writing;    /* sources, 0 = none */
-    uint8_t *in;               /* READ_BYTES; [in_used, in_fill) is still to be decoded */
+    guint reading, writing; /* sources, 0 = none */
+    uint8_t *in;            /* READ_BYTES; [in_used, in_fill) is still to be decoded */
     size_t in_used, in_fill;
     bool greeted;
-    bool closing;              /* an error is on its way out, then close */
-    GQueue jobs;               /* waiting for their turn */
-    struct ls_job *stepping;   /* on a thread now */
+    bool closing;            /* an error is on its way out, then close */
+    GQueue jobs;             /* waiting for their turn */
+    struct ls_job *stepping; /* on a thread now */
     bool stepping_cancelled;
-    uint32_t subscription;     /* request id, 0 = none */
+    uint32_t subscription; /* request id, 0 = none */
     bool event_pending;
     int64_t read_us, wrote_us; /* last time bytes moved in, out */
     unsigned refs;             /* the connection, and the step under way */
@@ -170,8 +170,8 @@ void ls_session_reply(struct ls_session *session, uint32_t request, uint16_t typ
 {
     struct ls_diag diag = {0};
     struct ls_chunk chunk = {.payload = payload, .payload_bytes = payload_bytes};
-    enum ls_err err = ls_message_frame(type, request, last ? LS_FRAME_LAST : 0, body,
-                                       payload_bytes, &chunk.head, &chunk.head_bytes, &diag);
+    enum ls_err err = ls_message_frame(type, request, last ? LS_FRAME_LAST : 0, body, payload_bytes,
+                                       &chunk.head, &chunk.head_bytes, &diag);
     if (!err) {
         push(session, &chunk);
         return;
@@ -203,8 +203,7 @@ void ls_session_fail(struct ls_session *session, uint32_t request, enum ls_err e
 }
 
 /* The stream cannot go on: say why, then close. */
-static void refuse(struct ls_session *session, uint32_t request, uint32_t number,
-                   const char *text)
+static void refuse(struct ls_session *session, uint32_t request, uint32_t number, const char *text)
 {
     session->closing = true;
     drop_source(&session->reading);
@@ -229,8 +228,7 @@ static void on_step(void *user, struct ls_job *job, struct ls_job_result *result
     if (result->err && ls_job_cancelled(job))
         ls_session_error(session, job->request, LS_PROTO_CANCELLED, "cancelled by the client");
     else if (result->err)
-        ls_session_fail(session, job->request, result->err, LS_PROTO_ABOUT_STORAGE,
-                        &result->diag);
+        ls_session_fail(session, job->request, result->err, LS_PROTO_ABOUT_STORAGE, &result->diag);
     else if (result->chunk.head)
         push(session, &result->chunk);
     if (ends)
@@ -410,9 +408,9 @@ static void take_bytes(struct ls_session *session)
         size_t used = 0;
         int complete = 0;
         struct ls_diag diag = {0};
-        enum ls_err err = ls_frame_decoder_feed(&session->decoder, session->in + session->in_used,
-                                                session->in_fill - session->in_used, &used,
-                                                &complete, &diag);
+        enum ls_err err =
+            ls_frame_decoder_feed(&session->decoder, session->in + session->in_used,
+                                  session->in_fill - session->in_used, &used, &complete, &diag);
         session->in_used += used;
         if (err) {
             refuse(session, session->decoder.header.request, frame_error(err), diag.text);
@@ -458,8 +456,8 @@ static void go_on_reading(struct ls_session *session)
     take_bytes(session);
     if (session->open && !session->reading && !session->closing &&
         session->outbox.bytes < OUTBOX_HIGH)
-        session->reading = g_unix_fd_add(session->fd, G_IO_IN | G_IO_HUP | G_IO_ERR, on_readable,
-                                         session);
+        session->reading =
+            g_unix_fd_add(session->fd, G_IO_IN | G_IO_HUP | G_IO_ERR, on_readable, session);
 }
 
 /* ---- life ---- */

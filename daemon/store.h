@@ -15,8 +15,8 @@
  * whichever comes first, and one per flush. A file without its record does not exist.
  *
  * Errors of the disk are latched: every later call returns the first one with its sentence, nothing
- * more is written, and the take stays as it was at the last good record. The process ignores SIGXFSZ,
- * so that a limit on file sizes is such an error.
+ * more is written, and the take stays as it was at the last good record. The process ignores
+ * SIGXFSZ, so that a limit on file sizes is such an error.
  */
 #ifndef LS_DAEMON_STORE_H
 #define LS_DAEMON_STORE_H
@@ -141,15 +141,14 @@ void ls_store_stats(struct ls_store *store, struct ls_store_stats *out);
 /** What take.json says beside the caller's document once a take ends. */
 struct ls_store_end {
     enum ls_store_state state;
-    const char *take_json;       /* replaces the caller's document; NULL = as it was */
-    const char *const *missing;  /* "cam0/W-0137" ... */
+    const char *take_json;      /* replaces the caller's document; NULL = as it was */
+    const char *const *missing; /* "cam0/W-0137" ... */
     size_t n_missing;
-    const char *skips_json;      /* a JSON array, or NULL = [] */
+    const char *skips_json; /* a JSON array, or NULL = [] */
 };
 
 /** Flush, rewrite take.json atomically, record the state in the journal, sync. */
-LS_MUST_CHECK enum ls_err ls_store_set_state(struct ls_store *store,
-                                             const struct ls_store_end *end,
+LS_MUST_CHECK enum ls_err ls_store_set_state(struct ls_store *store, const struct ls_store_end *end,
                                              struct ls_diag *diag);
 
 /**

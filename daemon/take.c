@@ -21,8 +21,8 @@ struct ls_take {
     struct ls_rig rig;
     struct ls_store *store;
     struct ls_capture *capture;
-    uint8_t *done;       /* per condition, of a resumed take */
-    float **darks;       /* [camera * n_exposures + exposure], of a resumed take */
+    uint8_t *done; /* per condition, of a resumed take */
+    float **darks; /* [camera * n_exposures + exposure], of a resumed take */
 };
 
 static double reference_exposure_s(const struct ls_take *take)
@@ -168,15 +168,15 @@ static enum ls_err load_dark(struct ls_take *take, const struct ls_takedir *dir,
 {
     LS_CLEANUP_FREE uint8_t *bytes = NULL;
     size_t n_bytes = 0;
-    struct ls_image image = { 0 };
+    struct ls_image image = {0};
     enum ls_err err = ls_takedir_read(dir, published, &bytes, &n_bytes, diag);
     if (!err)
         err = ls_published_check(published, bytes, n_bytes, diag);
     if (!err)
         err = ls_exr_read(bytes, n_bytes, NULL, DARK_LIMIT_BYTES, &image, NULL, diag);
     const struct ls_camera_info *info = take->rig.camera_infos[camera];
-    if (!err && (image.width != info->width || image.height != info->height ||
-                 image.n_channels != 1))
+    if (!err &&
+        (image.width != info->width || image.height != info->height || image.n_channels != 1))
         err = ls_fail(diag, LS_ERR_MISMATCH, "%s: %ux%u, the camera gives %ux%u", published->file,
                       image.width, image.height, info->width, info->height);
     if (err) {
@@ -317,9 +317,9 @@ static enum ls_err close_books(struct ls_take *take, enum ls_err ran, enum ls_ta
     char **missing = list_missing(take, dir, &n_missing);
     *state = end_state(ran, n_missing);
     snprintf(first_missing, room, "%zu of them, first %s", n_missing, n_missing ? missing[0] : "-");
-    const struct ls_store_end end = { .state = store_state(*state),
-                                      .missing = (const char *const *)missing,
-                                      .n_missing = n_missing };
+    const struct ls_store_end end = {.state = store_state(*state),
+                                     .missing = (const char *const *)missing,
+                                     .n_missing = n_missing};
     err = missing ? ls_store_set_state(take->store, &end, diag) : LS_ERR_NOMEM;
     for (size_t i = 0; i < n_missing; i++)
         free(missing[i]);
@@ -331,10 +331,10 @@ static enum ls_err close_books(struct ls_take *take, enum ls_err ran, enum ls_ta
 enum ls_take_state ls_take_run(struct ls_take *take, struct ls_capture_report *report,
                                struct ls_diag *message)
 {
-    struct ls_diag why = { 0 }, books = { 0 };
+    struct ls_diag why = {0}, books = {0};
     enum ls_take_state state = LS_TAKE_FAILED;
     char missing[128] = "";
-    *report = (struct ls_capture_report){ 0 };
+    *report = (struct ls_capture_report){0};
     enum ls_err err = ls_capture_run(take->capture, report, &why);
     enum ls_err closed = close_books(take, err, &state, missing, sizeof missing, &books);
     if (!closed)

@@ -174,8 +174,7 @@ static enum ls_err read_calibration(struct ls_take_facts *facts, const json_t *d
     enum ls_err err = ls_calibration_parse(text, strlen(text), &facts->calibration, diag);
     free(text);
     if (!err && facts->calibration->n_lights != facts->n_lights)
-        return ls_fail(diag, LS_ERR_INVALID,
-                       "take.json: the calibration has %u lights, the rig %u",
+        return ls_fail(diag, LS_ERR_INVALID, "take.json: the calibration has %u lights, the rig %u",
                        facts->calibration->n_lights, facts->n_lights);
     return err;
 }

@@ -28,7 +28,10 @@ struct ls_condition_fact {
 struct ls_take_facts {
     uint32_t n_lights, n_channels;
     float (*position_m)[3];
-    struct { char name[32]; bool polariser; } channels[LS_MAX_CHANNELS];
+    struct {
+        char name[32];
+        bool polariser;
+    } channels[LS_MAX_CHANNELS];
     uint32_t n_conditions;
     struct ls_condition_fact *conditions;
     uint32_t n_exposures;

@@ -16,7 +16,7 @@ enum { LS_FOLDER_MAX_CAMERAS = 64 };
 /** Zero bytes are not a closed folder: use the functions. */
 struct ls_take_folder {
     char *path;
-    const char *id; /* last component of path */
+    const char *id;                     /* last component of path */
     int dir_fd, journal_fd, reserve_fd; /* reserve_fd -1 = none */
     int camera_fd[LS_FOLDER_MAX_CAMERAS], raw_fd[LS_FOLDER_MAX_CAMERAS]; /* raw_fd -1 = none */
     uint32_t n_cameras;
@@ -34,18 +34,15 @@ LS_MUST_CHECK enum ls_err ls_take_folder_create(const char *root, const char *na
 /** Open an existing one and lock it. LS_ERR_BUSY, LS_ERR_NOT_FOUND. */
 LS_MUST_CHECK enum ls_err ls_take_folder_open(const char *path, uint32_t n_cameras, bool keep_raw,
                                               const struct ls_disk_shim *shim,
-                                              struct ls_take_folder *folder,
-                                              struct ls_diag *diag);
+                                              struct ls_take_folder *folder, struct ls_diag *diag);
 
 /** Remove what a killed writer left: `*.tmp` and the reservation. */
-LS_MUST_CHECK enum ls_err ls_take_folder_sweep(struct ls_take_folder *folder,
-                                               struct ls_diag *diag);
+LS_MUST_CHECK enum ls_err ls_take_folder_sweep(struct ls_take_folder *folder, struct ls_diag *diag);
 
 /** Take @need_bytes off the disk's free space, leaving @spare_bytes. LS_ERR_FULL names the
  * numbers. */
-LS_MUST_CHECK enum ls_err ls_take_folder_reserve(struct ls_take_folder *folder,
-                                                 uint64_t need_bytes, uint64_t spare_bytes,
-                                                 struct ls_diag *diag);
+LS_MUST_CHECK enum ls_err ls_take_folder_reserve(struct ls_take_folder *folder, uint64_t need_bytes,
+                                                 uint64_t spare_bytes, struct ls_diag *diag);
 
 /** Give @n_bytes of the reservation back, for a file about to be written. */
 LS_MUST_CHECK enum ls_err ls_take_folder_release(struct ls_take_folder *folder, uint64_t n_bytes,

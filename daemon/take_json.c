@@ -16,10 +16,10 @@ static json_t *numbers_f(const float *v, unsigned n)
 
 static json_t *condition_json(const struct ls_plan_condition *c, const struct ls_config *config)
 {
-    static const char *const kinds[] = { "dark", "one", "sphere", "segment", "list" };
-    json_t *o = json_pack("{ss ss si si si}", "id", c->id, "kind", kinds[c->lights.kind], "repeats",
-                          (int)c->repeats, "first_step", (int)c->first_step, "steps",
-                          (int)c->n_steps);
+    static const char *const kinds[] = {"dark", "one", "sphere", "segment", "list"};
+    json_t *o =
+        json_pack("{ss ss si si si}", "id", c->id, "kind", kinds[c->lights.kind], "repeats",
+                  (int)c->repeats, "first_step", (int)c->first_step, "steps", (int)c->n_steps);
     if (c->dark)
         json_object_set_new(o, "exposure", json_integer(c->exposure));
     if (c->light >= 0)
@@ -51,8 +51,8 @@ static json_t *plan_json(const struct ls_take_document *d)
 
 static json_t *camera_json(const struct ls_config_camera *c, const struct ls_camera_info *info)
 {
-    const float sensor[2] = { c->sensor_width_mm, c->sensor_height_mm };
-    const float range[2] = { c->range_low, c->range_high };
+    const float sensor[2] = {c->sensor_width_mm, c->sensor_height_mm};
+    const float range[2] = {c->range_low, c->range_high};
     return json_pack("{ss ss ss ss si si ss so so sf so so sf sf sf sf sf ss}", "name", c->name,
                      "vendor", info->vendor, "model", info->model, "serial", info->serial, "width",
                      (int)info->width, "height", (int)info->height, "pixel_format",
@@ -73,10 +73,9 @@ static json_t *rig_json(const struct ls_take_document *d)
         json_array_append_new(addresses, json_integer(d->config->lights[i].address));
     }
     for (uint32_t i = 0; i < d->config->n_channels; i++)
-        json_array_append_new(channels, json_pack("{ss ss}", "name", d->config->channels[i].name,
-                                                  "kind",
-                                                  d->config->channels[i].polariser ? "polariser"
-                                                                                   : "spectrum"));
+        json_array_append_new(
+            channels, json_pack("{ss ss}", "name", d->config->channels[i].name, "kind",
+                                d->config->channels[i].polariser ? "polariser" : "spectrum"));
     for (uint32_t i = 0; i < d->config->n_cameras; i++)
         json_array_append_new(cameras, camera_json(&d->config->cameras[i], d->cameras[i]));
     return json_pack("{ss s{so so} so so s{ss si si si}}", "name", d->config->rig_name, "lights",
@@ -142,9 +141,16 @@ enum ls_err ls_take_json_plan(const char *take_json, char **plan_text, struct ls
 /* What must not change between the halves of a resumed take. */
 static bool same_camera(const json_t *a, const json_t *b)
 {
-    static const char *const keys[] = { "serial",   "width", "height",       "pixel_format",
-                                        "range",    "full_scale_dn", "exposure_offset_us",
-                                        "position_m", "look_at_m", "focal_length_mm" };
+    static const char *const keys[] = {"serial",
+                                       "width",
+                                       "height",
+                                       "pixel_format",
+                                       "range",
+                                       "full_scale_dn",
+                                       "exposure_offset_us",
+                                       "position_m",
+                                       "look_at_m",
+                                       "focal_length_mm"};
     for (size_t i = 0; i < sizeof keys / sizeof *keys; i++)
         if (!json_equal(json_object_get(a, keys[i]), json_object_get(b, keys[i])))
             return false;
@@ -153,7 +159,7 @@ static bool same_camera(const json_t *a, const json_t *b)
 
 static enum ls_err compare_rigs(const json_t *old, const json_t *now, struct ls_diag *diag)
 {
-    static const char *const keys[] = { "lights", "channels" };
+    static const char *const keys[] = {"lights", "channels"};
     for (size_t i = 0; i < sizeof keys / sizeof *keys; i++)
         if (!json_equal(json_object_get(old, keys[i]), json_object_get(now, keys[i])))
             return ls_fail(diag, LS_ERR_MISMATCH,

@@ -6,10 +6,9 @@
  *   "software" "lightstaged 0.1.0", "conventions" 1,
  *   "plan" { "text" (as given), "subject", "period_us", "pulse_us" [], "conditions" [ { "id",
  *     "kind" dark|one|sphere|segment, "light" (rig row, one), "lights" [] (segment: controller
- *     addresses), "channel" "W", "level", "exposure" (dark), "repeats", "first_step", "steps" } ] },
- *   "rig" { "name", "lights" { "position_m" [[x,y,z]], "address" [] },
- *     "channels" [ { "name", "kind" } ],
- *     "cameras" [ { "name", "vendor", "model", "serial", "width", "height", "pixel_format",
+ *     addresses), "channel" "W", "level", "exposure" (dark), "repeats", "first_step", "steps" } ]
+ * }, "rig" { "name", "lights" { "position_m" [[x,y,z]], "address" [] }, "channels" [ { "name",
+ * "kind" } ], "cameras" [ { "name", "vendor", "model", "serial", "width", "height", "pixel_format",
  *       "position_m", "look_at_m", "focal_length_mm", "sensor_mm", "range", "black_dn",
  *       "full_scale_dn", "electrons_per_dn", "read_noise_dn", "exposure_offset_us",
  *       "unverified" } ],
@@ -36,7 +35,8 @@ struct ls_take_document {
     const char *calibration_json; /* NULL = none */
 };
 
-/** *text: (transfer full), free(). Errors: LS_ERR_INVALID (calibration is no JSON), LS_ERR_NOMEM. */
+/** *text: (transfer full), free(). Errors: LS_ERR_INVALID (calibration is no JSON), LS_ERR_NOMEM.
+ */
 LS_MUST_CHECK enum ls_err ls_take_json_make(const struct ls_take_document *document, char **text,
                                             struct ls_diag *diag);
 

@@ -20,7 +20,7 @@ struct ls_take_summary {
     char name[65];
     enum ls_store_state state;
     uint32_t shots_planned, conditions_planned; /* conditions: times cameras */
-    char damage[160]; /* why take.json could not be read, or "" */
+    char damage[160];                           /* why take.json could not be read, or "" */
 };
 
 /** Does @id look like a take's folder name, without any path in it? RT-safe. */
@@ -68,8 +68,8 @@ const struct ls_published *ls_takedir_find(const struct ls_takedir *take, const 
 /** The last good ticket of a shot, or NULL. (transfer none). */
 const struct ls_ticket *ls_takedir_ticket(const struct ls_takedir *take, uint32_t shot);
 
-/** Read a published file whole; check nothing. *bytes: (transfer full), free(). For mapping instead,
- * join ls_takedir.folder and ls_published.file. */
+/** Read a published file whole; check nothing. *bytes: (transfer full), free(). For mapping
+ * instead, join ls_takedir.folder and ls_published.file. */
 LS_MUST_CHECK enum ls_err ls_takedir_read(const struct ls_takedir *take,
                                           const struct ls_published *published, uint8_t **bytes,
                                           size_t *n_bytes, struct ls_diag *diag);
@@ -90,7 +90,8 @@ struct ls_take_report {
 };
 
 /** Re-read every published file and count tickets against the plan. Returns LS_OK if it could look,
- * whatever it found, raw frames of the last good tickets included; LS_ERR_NOMEM, LS_ERR_OS otherwise. @report: finish it. */
+ * whatever it found, raw frames of the last good tickets included; LS_ERR_NOMEM, LS_ERR_OS
+ * otherwise. @report: finish it. */
 LS_MUST_CHECK enum ls_err ls_takedir_verify(const struct ls_takedir *take,
                                             struct ls_take_report *report, struct ls_diag *diag);
 

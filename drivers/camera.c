@@ -73,11 +73,10 @@ static enum ls_err check_config(const struct ls_camera_config *c, struct ls_diag
         return ls_fail(diag, LS_ERR_INVALID, "camera %s: region %u x %u: give both or neither", at,
                        c->width, c->height);
     if (c->packet_size < MIN_PACKET_BYTES || c->packet_size > MAX_PACKET_BYTES)
-        return ls_fail(diag, LS_ERR_INVALID, "camera %s: packet size %u: expected %d..%d bytes",
-                       at, c->packet_size, MIN_PACKET_BYTES, MAX_PACKET_BYTES);
+        return ls_fail(diag, LS_ERR_INVALID, "camera %s: packet size %u: expected %d..%d bytes", at,
+                       c->packet_size, MIN_PACKET_BYTES, MAX_PACKET_BYTES);
     if (!isfinite(c->gain) || !isfinite(c->black_level))
-        return ls_fail(diag, LS_ERR_INVALID, "camera %s: gain and black level must be numbers",
-                       at);
+        return ls_fail(diag, LS_ERR_INVALID, "camera %s: gain and black level must be numbers", at);
     if (c->exposure == LS_EXPOSURE_TIMED && !(c->exposure_us > 0 && c->exposure_us <= 6e7))
         return ls_fail(diag, LS_ERR_INVALID, "camera %s: exposure %g us: expected (0, 6e7]", at,
                        c->exposure_us);
@@ -193,9 +192,8 @@ enum ls_err ls_camera_set_exposure(struct ls_camera *camera, double *exposure_us
     return err;
 }
 
-enum ls_err ls_camera_latch(struct ls_camera *camera, uint64_t *camera_ns,
-                            uint64_t *host_before_ns, uint64_t *host_after_ns,
-                            struct ls_diag *diag)
+enum ls_err ls_camera_latch(struct ls_camera *camera, uint64_t *camera_ns, uint64_t *host_before_ns,
+                            uint64_t *host_after_ns, struct ls_diag *diag)
 {
     struct ls_camera_control control = {.verb = LS_CAMERA_LATCH};
     if (!camera->info.has_latch)

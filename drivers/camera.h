@@ -29,13 +29,13 @@ enum ls_camera_exposure {
 };
 
 struct ls_camera_config {
-    const char *driver;  /* "aravis" */
-    const char *address; /* IP address, unicast */
+    const char *driver;                         /* "aravis" */
+    const char *address;                        /* IP address, unicast */
     uint32_t width, height, offset_x, offset_y; /* px; 0 x 0 = sensor size */
     const char *pixel_format;                   /* GenICam name, e.g. "BayerRG12" */
     uint32_t packet_size;                       /* bytes, e.g. 9000 */
     uint32_t frame_retention_us;                /* above exposure + readout + margin */
-    double gain;        /* dB, or whatever unit the camera's Gain has */
+    double gain;                                /* dB, or whatever unit the camera's Gain has */
     double black_level; /* 0 = leave the camera's own, which must then be above 0 */
     bool chunks;
     enum ls_camera_trigger trigger;
@@ -52,13 +52,13 @@ struct ls_camera_info {
     size_t payload_bytes;   /* with chunks; the least a slot must hold */
     uint64_t tick_hz;       /* of its timestamps; 0 = has none */
     bool has_chunks, has_trigger_counter, has_chunk_exposure, has_latch, has_trigger_width;
-    bool packet_socket; /* receive path in use: packet socket, else UDP */
+    bool packet_socket;            /* receive path in use: packet socket, else UDP */
     uint32_t receive_buffer_bytes; /* UDP only: what the kernel grants of the 32 MiB it should be;
                                       with less, frames are lost. 0 with a packet socket */
-    bool realtime;        /* the receive thread runs at rt_priority; known after start */
-    double exposure_us;   /* Timed: as read back */
-    double gain, black_level; /* as read back; 0 if it has none */
-    char unverified[512]; /* settings it cannot set or prove, comma-separated; "" = none */
+    bool realtime;                 /* the receive thread runs at rt_priority; known after start */
+    double exposure_us;            /* Timed: as read back */
+    double gain, black_level;      /* as read back; 0 if it has none */
+    char unverified[512];          /* settings it cannot set or prove, comma-separated; "" = none */
 };
 
 enum ls_frame_status {
@@ -70,13 +70,13 @@ enum ls_frame_status {
 struct ls_camera_frame {
     uint32_t slot;
     enum ls_frame_status status;
-    uint32_t payload_bytes;    /* image bytes, without chunks */
-    uint64_t frame_id;         /* extended past 16 bits by the driver, 0 never */
-    uint64_t camera_ns;        /* start of exposure, camera clock; 0 if info.tick_hz is 0 */
-    uint64_t host_ns;          /* arrival, CLOCK_MONOTONIC_RAW */
-    uint32_t trigger_counter;  /* chunk: edges seen on the line, those it had to ignore included;
-                                  valid if info.has_trigger_counter */
-    double chunk_exposure_us;  /* chunk; valid if info.has_chunk_exposure; else 0 */
+    uint32_t payload_bytes;   /* image bytes, without chunks */
+    uint64_t frame_id;        /* extended past 16 bits by the driver, 0 never */
+    uint64_t camera_ns;       /* start of exposure, camera clock; 0 if info.tick_hz is 0 */
+    uint64_t host_ns;         /* arrival, CLOCK_MONOTONIC_RAW */
+    uint32_t trigger_counter; /* chunk: edges seen on the line, those it had to ignore included;
+                                 valid if info.has_trigger_counter */
+    double chunk_exposure_us; /* chunk; valid if info.has_chunk_exposure; else 0 */
 };
 
 /** Memory frames land in: slot k is [base + k * stride, + stride). */

@@ -41,10 +41,10 @@ enum ls_proto_error {
     LS_PROTO_RIG_LIMIT = 303,   /* duty, current, period, memory of the controller */
     LS_PROTO_RIG_MISMATCH = 304,
     /* 4xx: storage */
-    LS_PROTO_STORAGE = 400,      /* could not be read or written */
+    LS_PROTO_STORAGE = 400, /* could not be read or written */
     LS_PROTO_STORAGE_FULL = 401,
-    LS_PROTO_DAMAGED = 402,      /* what is stored fails its check */
-    LS_PROTO_INCOMPLETE = 403,   /* the take lacks what was asked for */
+    LS_PROTO_DAMAGED = 402,    /* what is stored fails its check */
+    LS_PROTO_INCOMPLETE = 403, /* the take lacks what was asked for */
     /* 5xx: the daemon's own fault */
     LS_PROTO_INTERNAL = 500,
     LS_PROTO_NO_MEMORY = 501,

@@ -78,8 +78,8 @@ static void budget_free(void *data, void *pointer)
 
 static const ProtobufCAllocator plain_free = {.free = budget_free};
 
-enum ls_err ls_message_decode(uint16_t type, const uint8_t *bytes, size_t n,
-                              ProtobufCMessage **out, struct ls_diag *diag)
+enum ls_err ls_message_decode(uint16_t type, const uint8_t *bytes, size_t n, ProtobufCMessage **out,
+                              struct ls_diag *diag)
 {
     const ProtobufCMessageDescriptor *descriptor = ls_message_descriptor(type);
     struct budget budget = {.left = LS_MESSAGE_BUDGET};

@@ -24,10 +24,8 @@ struct sim_body sim_sphere(struct sim_vec centre, double radius)
 
 struct sim_body sim_tube(struct sim_vec bottom, double radius, double height)
 {
-    struct sim_body body = {.shape = SIM_TUBE,
-                            .origin = bottom,
-                            .radius = (float)radius,
-                            .height = (float)height};
+    struct sim_body body = {
+        .shape = SIM_TUBE, .origin = bottom, .radius = (float)radius, .height = (float)height};
     body.centre = sim_add(bottom, sim_vec(0, height / 2, 0));
     body.bound = (float)sqrt(radius * radius + height * height / 4);
     return body;

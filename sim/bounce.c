@@ -11,9 +11,9 @@ struct node {
 struct transport {
     uint32_t n_nodes, n_senders;
     struct node *nodes;
-    uint32_t *sender;    /* node of each sender, sorted by emitter */
-    uint32_t first[5];   /* senders of emitter k: [first[k], first[k + 1]) */
-    float *factor;       /* [node][sender] */
+    uint32_t *sender;  /* node of each sender, sorted by emitter */
+    uint32_t first[5]; /* senders of emitter k: [first[k], first[k + 1]) */
+    float *factor;     /* [node][sender] */
 };
 
 static void place_nodes(const struct sim_subject *s, struct node *nodes, uint16_t *surface)
@@ -179,8 +179,9 @@ void sim_bounce_add(const struct sim_bounce *b, const struct sim_subject *s,
         const float *coef = b->coef + ((size_t)light * b->n_nodes + node) * SIM_CHAINS;
         uint32_t material = s->surface[b->surface[node]].material;
         for (uint32_t c = 0; c < colours; c++) {
-            const float *chain = response->chain + (size_t)(source * colours + c) * SIM_CHAINS *
-                                                       SIM_MATERIALS + material;
+            const float *chain = response->chain +
+                                 (size_t)(source * colours + c) * SIM_CHAINS * SIM_MATERIALS +
+                                 material;
             float sum = 0;
             for (int k = 0; k < SIM_CHAINS; k++)
                 sum += coef[k] * chain[(size_t)k * SIM_MATERIALS];

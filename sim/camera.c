@@ -97,8 +97,8 @@ static void report(struct sim_camera *c, struct job *job, enum sim_camera_fate f
 
 static bool ready(const struct sim_camera *c, uint64_t true_ns)
 {
-    return c->acquiring && true_ns >= c->busy_until_ns &&
-           c->pending_frames < MAX_PENDING_FRAMES && c->tail - c->head < QUEUE;
+    return c->acquiring && true_ns >= c->busy_until_ns && c->pending_frames < MAX_PENDING_FRAMES &&
+           c->tail - c->head < QUEUE;
 }
 
 static void expose(struct sim_camera *c, struct job *job, const struct sim_camera_settings *s)
@@ -175,10 +175,7 @@ void sim_camera_pulse(struct sim_camera *c, uint64_t true_ns, double pulse_us, u
                       uint32_t condition)
 {
     struct job job = {
-        .exposure = {.true_ns = true_ns,
-                     .condition = condition,
-                     .step = step,
-                     .camera = c->index},
+        .exposure = {.true_ns = true_ns, .condition = condition, .step = step, .camera = c->index},
         .fate = SIM_FATE_SENT,
         .by_pulse = true,
     };
@@ -215,8 +212,8 @@ static uint8_t *put_tag(uint8_t *at, uint32_t id, uint32_t bytes)
 }
 
 /** Each chunk is followed by its id and length; the image is the first. */
-static void write_chunks(const struct sim_camera_settings *s, const struct job *job,
-                         uint64_t ticks, uint8_t *payload)
+static void write_chunks(const struct sim_camera_settings *s, const struct job *job, uint64_t ticks,
+                         uint8_t *payload)
 {
     uint64_t exposure_bits;
     uint32_t image_bytes = (s->image_bytes + 3) & ~3u;
@@ -298,8 +295,8 @@ static void run(struct sim_camera *c, struct job *job)
 
 static uint64_t free_period_ns(const struct sim_camera *c, const struct sim_camera_settings *s)
 {
-    double rate = s->frame_rate_on ? fmin(s->frame_rate_hz, c->max_frame_rate_hz)
-                                   : c->max_frame_rate_hz;
+    double rate =
+        s->frame_rate_on ? fmin(s->frame_rate_hz, c->max_frame_rate_hz) : c->max_frame_rate_hz;
     uint64_t period_ns = (uint64_t)(1e9 / rate), exposure_ns = ns_of_us(s->exposure_us);
     return period_ns > exposure_ns ? period_ns : exposure_ns;
 }
@@ -420,8 +417,7 @@ static enum sim_gvcp_status on_write(void *user, uint32_t address, uint32_t valu
 {
     struct sim_camera *c = user;
     pthread_mutex_lock(&c->lock);
-    enum sim_gvcp_status status =
-        sim_registers_write(c->registers, address, value, c->acquiring);
+    enum sim_gvcp_status status = sim_registers_write(c->registers, address, value, c->acquiring);
     if (!status)
         execute(c, address, value);
     pthread_mutex_unlock(&c->lock);
@@ -459,8 +455,7 @@ static enum ls_err check_config(const struct sim_camera_config *config,
     if (config->sensor_width < 4 || config->sensor_width > MAX_SENSOR_PX ||
         config->sensor_height < 4 || config->sensor_height > MAX_SENSOR_PX)
         return ls_fail(diag, LS_ERR_INVALID, "camera %s: sensor %u x %u: expected 4..%d each way",
-                       config->address, config->sensor_width, config->sensor_height,
-                       MAX_SENSOR_PX);
+                       config->address, config->sensor_width, config->sensor_height, MAX_SENSOR_PX);
     if (!(config->faults.packet_loss >= 0 && config->faults.packet_loss < 1))
         return ls_fail(diag, LS_ERR_INVALID, "camera %s: packet loss %g: expected [0, 1)",
                        config->address, config->faults.packet_loss);
@@ -483,8 +478,8 @@ static struct sim_camera *allocate(const struct sim_camera_config *config,
     c->first_block = config->first_block ? config->first_block : 1;
     c->faults = config->faults;
     c->callbacks = *callbacks;
-    c->clock = (struct sim_clock){sim_now_ns(), config->clock_epoch_ticks, 1e9,
-                                  config->clock_drift_ppm};
+    c->clock =
+        (struct sim_clock){sim_now_ns(), config->clock_epoch_ticks, 1e9, config->clock_drift_ppm};
     pthread_condattr_t attributes;
     pthread_condattr_init(&attributes);
     pthread_condattr_setclock(&attributes, CLOCK_MONOTONIC);
@@ -518,8 +513,8 @@ static enum ls_err open_channels(struct sim_camera *c, const struct sim_camera_c
 }
 
 enum ls_err sim_camera_create(const struct sim_camera_config *config,
-                              const struct sim_camera_callbacks *callbacks,
-                              struct sim_camera **out, struct ls_diag *diag)
+                              const struct sim_camera_callbacks *callbacks, struct sim_camera **out,
+                              struct ls_diag *diag)
 {
     uint32_t ip = 0;
     enum ls_err err = check_config(config, callbacks, &ip, diag);

@@ -48,14 +48,14 @@ struct sim_camera_faults {
 };
 
 struct sim_camera_config {
-    const char *address; /* loopback address to own, e.g. "127.0.0.2" */
-    const char *serial, *model; /* NULL: "SIM<index>", "lightstage-sim" */
-    uint32_t index;      /* sim_exposure.camera */
+    const char *address;                  /* loopback address to own, e.g. "127.0.0.2" */
+    const char *serial, *model;           /* NULL: "SIM<index>", "lightstage-sim" */
+    uint32_t index;                       /* sim_exposure.camera */
     uint32_t sensor_width, sensor_height; /* px, multiples of 4 */
-    uint32_t pixel_format;      /* PFNC code at power-up; 0 = Mono8 */
-    double black_level_dn;      /* what the read-only BlackLevel says, at 8 bit */
-    double exposure_offset_us;  /* TriggerWidth; 13.7 on the reference sensor */
-    double max_frame_rate_hz;   /* 0 = 100 */
+    uint32_t pixel_format;                /* PFNC code at power-up; 0 = Mono8 */
+    double black_level_dn;                /* what the read-only BlackLevel says, at 8 bit */
+    double exposure_offset_us;            /* TriggerWidth; 13.7 on the reference sensor */
+    double max_frame_rate_hz;             /* 0 = 100 */
     double clock_drift_ppm;
     uint64_t clock_epoch_ticks; /* camera clock (1 GHz) at create */
     uint64_t first_block;       /* id of the first frame after AcquisitionStart; 0 = 1 */
@@ -83,7 +83,7 @@ struct sim_camera_callbacks {
 };
 
 struct sim_camera_stats {
-    uint64_t pulses;  /* sim_camera_pulse calls */
+    uint64_t pulses; /* sim_camera_pulse calls */
     uint64_t exposures, sent, lost_frames, dropped_pulses, missed_triggers;
     uint64_t packets_lost, packets_resent, resends_refused, send_errors;
 };

@@ -126,7 +126,7 @@ static uint32_t payload_bytes(struct sim_registers *r)
 {
     static const uint32_t chunk_bytes[SIM_N_CHUNKS] = {0, 8, 8, 4};
     uint32_t image = sim_image_bytes(get(r, SIM_REG_PIXEL_FORMAT), get(r, SIM_REG_WIDTH),
-                                   get(r, SIM_REG_HEIGHT));
+                                     get(r, SIM_REG_HEIGHT));
     if (!get(r, SIM_REG_CHUNK_MODE))
         return image;
     uint32_t total = padded(image) + 8;

@@ -8,10 +8,10 @@
 #include <string.h>
 
 static const char *const patch_names[SIM_CHART_PATCHES] = {
-    "dark skin",    "light skin", "blue sky",      "foliage",   "blue flower",  "bluish green",
-    "orange",       "purplish blue", "moderate red", "purple",  "yellow green", "orange yellow",
-    "blue",         "green",      "red",           "yellow",    "magenta",      "cyan",
-    "white",        "neutral 8",  "neutral 6.5",   "neutral 5", "neutral 3.5",  "black"};
+    "dark skin", "light skin",    "blue sky",     "foliage",   "blue flower",  "bluish green",
+    "orange",    "purplish blue", "moderate red", "purple",    "yellow green", "orange yellow",
+    "blue",      "green",         "red",          "yellow",    "magenta",      "cyan",
+    "white",     "neutral 8",     "neutral 6.5",  "neutral 5", "neutral 3.5",  "black"};
 
 /* ---- samples ---- */
 

@@ -127,8 +127,8 @@ static void expose_row(const struct sim_scene *scene, const struct sim_exposure 
     float scale = (float)(full_well * rate * e->lit_us * 1e-6 / sim_picture_scale);
     memset(signal, 0, f->width * sizeof *signal);
     if (sight->half)
-        ls_half_to_floats(sight->half + (size_t)(f->offset_y + row) *
-                                            scene->view[e->camera].width + f->offset_x,
+        ls_half_to_floats(sight->half + (size_t)(f->offset_y + row) * scene->view[e->camera].width +
+                              f->offset_x,
                           signal, f->width);
     for (uint32_t i = 0; i < f->width; i++)
         signal[i] = signal[i] * scale + veil;

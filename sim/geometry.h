@@ -28,8 +28,8 @@ struct sim_geometry {
 /**
  * The generated sphere: @n_lights on a sphere of @radius_m. 346 lights are the reference: 30 on the
  * equator, 12 degrees apart and one of them on +z, rings every 10 degrees of latitude, one light at
- * the top and none below -70 degrees; row 0 is the top, rings run downwards. For other counts: the first @n_lights of a spherical Fibonacci
- * spiral. (transfer full) on success.
+ * the top and none below -70 degrees; row 0 is the top, rings run downwards. For other counts: the
+ * first @n_lights of a spherical Fibonacci spiral. (transfer full) on success.
  */
 LS_MUST_CHECK enum ls_err sim_geometry_sphere(uint32_t n_lights, double radius_m,
                                               struct sim_geometry *out, struct ls_diag *diag);

@@ -110,8 +110,8 @@ static enum sim_gvcp_status read_registers(struct sim_gvcp *g, struct exchange *
     if (!x->n_data || x->n_data & 3)
         return SIM_GVCP_INVALID_PARAMETER;
     for (uint32_t at = 0; at < x->n_data; at += 4) {
-        enum sim_gvcp_status status = sim_registers_read(
-            g->registers, load32(x->data + at), 4, x->answer + HEADER_BYTES + at);
+        enum sim_gvcp_status status = sim_registers_read(g->registers, load32(x->data + at), 4,
+                                                         x->answer + HEADER_BYTES + at);
         if (status)
             return status;
         x->n_answer = at + 4;
@@ -206,7 +206,8 @@ static void serve(struct sim_gvcp *g, int fd)
     uint8_t packet[HEADER_BYTES + MAX_DATA_BYTES];
     struct exchange x = {0};
     socklen_t size = sizeof x.from;
-    ssize_t n = recvfrom(fd, packet, sizeof packet, MSG_DONTWAIT, (struct sockaddr *)&x.from, &size);
+    ssize_t n =
+        recvfrom(fd, packet, sizeof packet, MSG_DONTWAIT, (struct sockaddr *)&x.from, &size);
     if (n < HEADER_BYTES || packet[0] != KEY || atomic_load(&g->silent))
         return;
     x.command = (uint16_t)(packet[2] << 8 | packet[3]);
@@ -231,8 +232,7 @@ static void serve(struct sim_gvcp *g, int fd)
 static void *serve_until_quit(void *user)
 {
     struct sim_gvcp *g = user;
-    struct pollfd fds[] = {
-        {g->quit, POLLIN, 0}, {g->socket, POLLIN, 0}, {g->broadcast, POLLIN, 0}};
+    struct pollfd fds[] = {{g->quit, POLLIN, 0}, {g->socket, POLLIN, 0}, {g->broadcast, POLLIN, 0}};
     for (;;) {
         int n = poll(fds, 3, 100);
         if (n < 0 && errno != EINTR)

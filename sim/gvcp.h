@@ -27,8 +27,8 @@ struct sim_gvcp;
 /** Bind @ip_address (host order) and answer. Also joins the limited broadcast, if the machine lets
  * it. LS_ERR_BUSY: the address is in use. (transfer full). */
 LS_MUST_CHECK enum ls_err sim_gvcp_create(uint32_t ip_address, struct sim_registers *registers,
-                                          const struct sim_gvcp_hooks *hooks,
-                                          struct sim_gvcp **out, struct ls_diag *diag);
+                                          const struct sim_gvcp_hooks *hooks, struct sim_gvcp **out,
+                                          struct ls_diag *diag);
 
 /** Answer nothing from now on: the cable is out. */
 void sim_gvcp_silence(struct sim_gvcp *gvcp);

@@ -127,7 +127,10 @@ static void add(struct batch *b, const struct sim_gvsp_frame *f, uint32_t packet
     struct iovec *part = b->parts[b->n];
     bool leader = packet == 0, trailer = packet == f->n_payload_packets + 1;
     uint32_t room = f->packet_size - OVERHEAD, at = (packet - 1) * room;
-    write_header(head, SIM_GVCP_OK, f->block, leader ? LEADER : trailer ? TRAILER : PAYLOAD,
+    write_header(head, SIM_GVCP_OK, f->block,
+                 leader    ? LEADER
+                 : trailer ? TRAILER
+                           : PAYLOAD,
                  packet);
     part[0] = (struct iovec){head, HEADER_BYTES};
     part[1] = (struct iovec){NULL, 0};
@@ -205,8 +208,7 @@ struct sim_gvsp_frame *sim_gvsp_begin(struct sim_gvsp *g,
     return &slot->frame;
 }
 
-void sim_gvsp_send(struct sim_gvsp *g, struct sim_gvsp_frame *frame, uint16_t block,
-                   uint64_t ticks)
+void sim_gvsp_send(struct sim_gvsp *g, struct sim_gvsp_frame *frame, uint16_t block, uint64_t ticks)
 {
     struct slot *slot = (struct slot *)frame;
     pthread_mutex_lock(&g->lock);
@@ -239,8 +241,8 @@ static void refuse(struct sim_gvsp *g, const struct sim_camera_settings *setting
     atomic_fetch_add(&g->refused, 1);
 }
 
-void sim_gvsp_resend(struct sim_gvsp *g, const struct sim_camera_settings *settings,
-                     uint16_t block, uint32_t first, uint32_t last)
+void sim_gvsp_resend(struct sim_gvsp *g, const struct sim_camera_settings *settings, uint16_t block,
+                     uint32_t first, uint32_t last)
 {
     pthread_mutex_lock(&g->lock);
     const struct slot *slot = find(g, block);

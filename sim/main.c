@@ -53,7 +53,8 @@ static bool parse_run(int argc, char **argv, struct options *options)
         bool more = i + 1 < argc;
         if (!strcmp(argv[i], "--config") && more)
             options->config = argv[++i];
-        else if (!strcmp(argv[i], "--ready-fd") && more && parse_fd(argv[i + 1], &options->ready_fd))
+        else if (!strcmp(argv[i], "--ready-fd") && more &&
+                 parse_fd(argv[i + 1], &options->ready_fd))
             i++;
         else if (!strcmp(argv[i], "--die-with-parent"))
             options->die_with_parent = true;

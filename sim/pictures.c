@@ -70,10 +70,10 @@ static enum ls_err check(const struct sim_scene *scene, const struct sim_conditi
     for (uint32_t k = 0; k < c->n_leds; k++) {
         const struct sim_led *led = &c->leds[k];
         if (led->light >= scene->geometry.n_lights || led->channel >= scene->config.n_channels)
-            return ls_fail(diag, LS_ERR_INVALID,
-                           "condition %u: light %u channel %u: the rig has %u lights of %u channels",
-                           index, led->light, led->channel, scene->geometry.n_lights,
-                           scene->config.n_channels);
+            return ls_fail(
+                diag, LS_ERR_INVALID,
+                "condition %u: light %u channel %u: the rig has %u lights of %u channels", index,
+                led->light, led->channel, scene->geometry.n_lights, scene->config.n_channels);
         if (!(led->duty >= 0 && led->duty <= 1))
             return ls_fail(diag, LS_ERR_INVALID, "condition %u: duty %g: expected 0 to 1", index,
                            (double)led->duty);

@@ -18,11 +18,11 @@ struct job {
     uint32_t camera;
     struct sim_picture *const *pictures;
     uint32_t n;
-    struct use *uses;      /* by light */
-    uint32_t *first;       /* uses of light i: [first[i], first[i + 1]) */
-    uint32_t *slot;        /* accumulator of a picture with several LEDs; UINT32_MAX: single */
+    struct use *uses; /* by light */
+    uint32_t *first;  /* uses of light i: [first[i], first[i + 1]) */
+    uint32_t *slot;   /* accumulator of a picture with several LEDs; UINT32_MAX: single */
     uint32_t n_slots;
-    float *nodes;          /* [picture][node * colours] */
+    float *nodes; /* [picture][node * colours] */
     sim_scene_progress *progress;
     void *user;
     uint32_t tiles_x, tiles_y;
@@ -60,10 +60,11 @@ void sim_tile_bounce(const struct sim_tile *tile, const float *nodes, uint32_t n
         uint32_t c = colour >= 0 ? (uint32_t)colour : tile->colour[k];
         const uint32_t *node = tile->node[k];
         const float *share = tile->share[k];
-        out[k] += (share[0] * nodes[node[0] * n_colours + c] +
-                   share[1] * nodes[node[1] * n_colours + c] +
-                   share[2] * nodes[node[2] * n_colours + c] +
-                   share[3] * nodes[node[3] * n_colours + c]) * tile->weave[k];
+        out[k] +=
+            (share[0] * nodes[node[0] * n_colours + c] + share[1] * nodes[node[1] * n_colours + c] +
+             share[2] * nodes[node[2] * n_colours + c] +
+             share[3] * nodes[node[3] * n_colours + c]) *
+            tile->weave[k];
     }
 }
 
@@ -72,8 +73,9 @@ static void store(const struct job *job, const struct sim_tile *tile, uint32_t p
 {
     const struct sim_scene *scene = job->scene;
     if (scene->subject.n_nodes && tile->n_seen)
-        sim_tile_bounce(tile, job->nodes + (size_t)picture * scene->subject.n_nodes *
-                                               scene->colours[job->camera],
+        sim_tile_bounce(tile,
+                        job->nodes +
+                            (size_t)picture * scene->subject.n_nodes * scene->colours[job->camera],
                         scene->colours[job->camera], -1, value);
     for (uint32_t k = 0; k < tile->n; k++)
         value[k] = sim_min(value[k] * sim_picture_scale, LS_HALF_MAX);
@@ -81,7 +83,8 @@ static void store(const struct job *job, const struct sim_tile *tile, uint32_t p
     for (uint32_t row = 0; row < tile->height; row++)
         ls_half_from_floats(value + row * tile->width,
                             image + (size_t)(tile->y + row) * scene->view[job->camera].width +
-                                tile->x, tile->width);
+                                tile->x,
+                            tile->width);
 }
 
 struct scratch {
@@ -168,8 +171,7 @@ static void list_uses(struct job *job, uint32_t *fill)
         job->slot[p] = picture->n_leds == 1 ? UINT32_MAX : job->n_slots++;
         for (uint32_t k = 0; k < picture->n_leds; k++)
             job->uses[fill[picture->leds[k].light]++] = (struct use){
-                p, picture->leds[k].channel,
-                sim_world_weight(job->scene, &picture->leds[k], lit)};
+                p, picture->leds[k].channel, sim_world_weight(job->scene, &picture->leds[k], lit)};
     }
 }
 

@@ -24,9 +24,8 @@ static void to_radiance(const struct ls_image *image, float *out, uint32_t width
         for (uint32_t x = 0; x < image->width; x++) {
             size_t at = (size_t)y * image->width + x;
             const float *p = image->pixels + at * image->n_channels;
-            float value = image->n_channels == 1
-                              ? p[0]
-                              : 0.2126f * p[0] + 0.7152f * p[1] + 0.0722f * p[2];
+            float value =
+                image->n_channels == 1 ? p[0] : 0.2126f * p[0] + 0.7152f * p[1] + 0.0722f * p[2];
             out[(size_t)y * width + x] = value * (float)(0.9 / M_PI);
         }
 }

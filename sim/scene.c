@@ -35,8 +35,7 @@ static enum ls_err scale_cameras(struct sim_scene *scene, struct ls_spectrum *wh
         for (uint32_t c = 0; c < scene->colours[i]; c++)
             scene->camera[i][c] = scene->library.camera[mono ? 3 : c];
         const struct ls_spectrum *reference = &scene->camera[i][reference_colour(scene, i)];
-        double p = i ? ls_spectrum_dot(white, reference)
-                     : ls_spectrum_dot(&d65, reference) / y;
+        double p = i ? ls_spectrum_dot(white, reference) : ls_spectrum_dot(&d65, reference) / y;
         for (uint32_t c = 0; c < scene->colours[i]; c++)
             scale(&scene->camera[i][c], 1 / p);
         if (i == 0)
@@ -112,10 +111,10 @@ static void draw_channel(struct sim_scene *scene, uint32_t channel)
 static enum ls_err build_lights(struct sim_scene *scene, struct ls_diag *diag)
 {
     const struct sim_scene_config *c = &scene->config;
-    enum ls_err err = c->positions_csv[0]
-                          ? sim_geometry_load(c->positions_csv, c->axes, c->unit, &scene->geometry,
-                                              diag)
-                          : sim_geometry_sphere(c->n_lights, c->radius_m, &scene->geometry, diag);
+    enum ls_err err =
+        c->positions_csv[0]
+            ? sim_geometry_load(c->positions_csv, c->axes, c->unit, &scene->geometry, diag)
+            : sim_geometry_sphere(c->n_lights, c->radius_m, &scene->geometry, diag);
     if (!err)
         err = sim_library_load(c->spectra_dir[0] ? c->spectra_dir : SIM_SPECTRA_DIR,
                                &scene->library, diag);
@@ -129,8 +128,8 @@ static enum ls_err build_cameras(struct sim_scene *scene, struct ls_diag *diag)
         const struct sim_view_config *config = &scene->config.views[i];
         err = sim_view_build(config, &scene->subject, &scene->view[i], diag);
         if (!err)
-            err = sim_sensor_build(config, sim_hash(scene->config.seed) + i, &scene->sensor[i],
-                                   diag);
+            err =
+                sim_sensor_build(config, sim_hash(scene->config.seed) + i, &scene->sensor[i], diag);
     }
     return err;
 }

@@ -54,9 +54,10 @@ struct sim_view_config {
     double focal_length_mm, sensor_width_mm; /* square pixels: height follows from the size */
     uint32_t width, height;                  /* sensor, px; both >= 1 */
     char cfa[8]; /* "RG" "GR" "GB" "BG": the 2x2 cell's first row at pixel (0,0); "mono" */
-    /* sensor: x = black + full_scale * rate * radiance * t, then noise, in fractions of full scale */
-    double full_well_e;        /* electrons at full scale */
-    double black;              /* of full scale; rounded to whole DN per format */
+    /* sensor: x = black + full_scale * rate * radiance * t, then noise, in fractions of full scale
+     */
+    double full_well_e; /* electrons at full scale */
+    double black;       /* of full scale; rounded to whole DN per format */
     double read_noise_e;
     double dark_current_e_s;   /* electrons per second, mean; Poisson noise */
     double prnu;               /* sigma of the pixels' relative gain */
@@ -74,10 +75,10 @@ struct sim_scene_config {
     char positions_csv[1024]; /* "" = the generated sphere */
     char axes[64];            /* of the CSV, e.g. "left,up,away" */
     char unit[8];
-    uint32_t n_lights;        /* of the generated sphere, 346 */
-    double radius_m;          /* of the generated sphere, 1.35 */
-    double gain_sigma;        /* relative spread of LED strengths, 0.05 */
-    uint32_t pwm_levels;      /* distinct duties in (0, 1]; 0 = continuous */
+    uint32_t n_lights;   /* of the generated sphere, 346 */
+    double radius_m;     /* of the generated sphere, 1.35 */
+    double gain_sigma;   /* relative spread of LED strengths, 0.05 */
+    uint32_t pwm_levels; /* distinct duties in (0, 1]; 0 = continuous */
     uint32_t n_channels;
     struct sim_channel_config channels[SIM_MAX_CHANNELS];
     /* cameras */
@@ -107,8 +108,8 @@ struct sim_scene;
 /**
  * Build the world: load spectra and positions, draw gains, trace what the cameras see.
  * (transfer full). Errors: LS_ERR_INVALID, LS_ERR_NOT_FOUND (a file), LS_ERR_NOMEM. For replay
- * there must be at least as many PNG images as lights, none larger than the sensor; smaller ones lie
- * at its top left, the rest is black.
+ * there must be at least as many PNG images as lights, none larger than the sensor; smaller ones
+ * lie at its top left, the rest is black.
  */
 LS_MUST_CHECK enum ls_err sim_scene_create(const struct sim_scene_config *config,
                                            struct sim_scene **out, struct ls_diag *diag);
@@ -121,8 +122,8 @@ const struct sim_geometry *sim_scene_geometry(const struct sim_scene *scene);
 double sim_scene_gain(const struct sim_scene *scene, uint32_t light, uint32_t channel);
 
 /** Divisor on the output of @channel when @n_lit LEDs are lit together: 1 + (droop - 1) (n_lit - 1)
- * / (n_lights - 1), never below 1. Duty plays no part: PWM switches all LEDs in phase, so the supply
- * sags as for full duty while they are on. */
+ * / (n_lights - 1), never below 1. Duty plays no part: PWM switches all LEDs in phase, so the
+ * supply sags as for full duty while they are on. */
 double sim_scene_droop(const struct sim_scene *scene, uint32_t channel, uint32_t n_lit);
 
 /** A duty as this hardware can drive it: the nearest multiple of 1 / pwm_levels, [0, 1]. */
@@ -146,9 +147,10 @@ LS_MUST_CHECK enum ls_err sim_scene_commit(struct sim_scene *scene,
 size_t sim_raw_bytes(const struct sim_raw_format *format);
 
 /**
- * One exposure as raw wire bytes (core/pixel.h). A run repeats exactly: the noise depends on seed, camera, sequence and
- * pixel alone. @raw: sim_raw_bytes(format). The region must lie in the sensor and a Bayer format
- * must have the sensor's order, shifted by an odd offset. Errors: LS_ERR_INVALID.
+ * One exposure as raw wire bytes (core/pixel.h). A run repeats exactly: the noise depends on seed,
+ * camera, sequence and pixel alone. @raw: sim_raw_bytes(format). The region must lie in the sensor
+ * and a Bayer format must have the sensor's order, shifted by an odd offset. Errors:
+ * LS_ERR_INVALID.
  */
 LS_MUST_CHECK enum ls_err sim_scene_expose(struct sim_scene *scene,
                                            const struct sim_exposure *exposure,

@@ -29,10 +29,10 @@ void sim_view_config_default(struct sim_view_config *view, uint32_t width, uint3
 void sim_scene_config_default(struct sim_scene_config *config)
 {
     static const struct sim_channel_config channels[] = {
-        {"W", SIM_CHANNEL_SPECTRUM, "white", 1.20},   {"R", SIM_CHANNEL_SPECTRUM, "red", 1.20},
-        {"A", SIM_CHANNEL_SPECTRUM, "amber", 1.14},   {"G", SIM_CHANNEL_SPECTRUM, "green", 1.20},
-        {"C", SIM_CHANNEL_SPECTRUM, "cyan", 1.20},    {"B", SIM_CHANNEL_SPECTRUM, "blue", 1.20},
-        {"V", SIM_CHANNEL_VERTICAL, "white", 1.20},   {"H", SIM_CHANNEL_HORIZONTAL, "white", 1.20},
+        {"W", SIM_CHANNEL_SPECTRUM, "white", 1.20}, {"R", SIM_CHANNEL_SPECTRUM, "red", 1.20},
+        {"A", SIM_CHANNEL_SPECTRUM, "amber", 1.14}, {"G", SIM_CHANNEL_SPECTRUM, "green", 1.20},
+        {"C", SIM_CHANNEL_SPECTRUM, "cyan", 1.20},  {"B", SIM_CHANNEL_SPECTRUM, "blue", 1.20},
+        {"V", SIM_CHANNEL_VERTICAL, "white", 1.20}, {"H", SIM_CHANNEL_HORIZONTAL, "white", 1.20},
     };
     *config = (struct sim_scene_config){
         .scene = "stilllife",
@@ -68,8 +68,7 @@ static enum ls_err check_ranges(const char *where, const struct range *r, size_t
     return LS_OK;
 }
 
-static enum ls_err check_view(const struct sim_view_config *v, uint32_t index,
-                              struct ls_diag *diag)
+static enum ls_err check_view(const struct sim_view_config *v, uint32_t index, struct ls_diag *diag)
 {
     char where[32];
     snprintf(where, sizeof where, "camera %u: ", index);
@@ -91,8 +90,8 @@ static enum ls_err check_view(const struct sim_view_config *v, uint32_t index,
     enum ls_err err = check_ranges(where, ranges, sizeof ranges / sizeof *ranges, diag);
     enum ls_cfa cfa;
     if (!err && sim_view_cfa(v->cfa, &cfa))
-        return ls_fail(diag, LS_ERR_INVALID,
-                       "%scfa: expected RG, GR, GB, BG or mono, found \"%s\"", where, v->cfa);
+        return ls_fail(diag, LS_ERR_INVALID, "%scfa: expected RG, GR, GB, BG or mono, found \"%s\"",
+                       where, v->cfa);
     double distance2 = 0;
     for (int k = 0; k < 3; k++)
         distance2 += pow(v->position_m[k] - v->look_at_m[k], 2);

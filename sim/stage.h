@@ -50,13 +50,13 @@ struct sim_condition {
 
 /** One exposure of one camera, as it truly happened. */
 struct sim_exposure {
-    uint64_t true_ns;      /* start */
-    double exposure_us;    /* as integrated: pulse + offset, or the ExposureTime register */
-    double lit_us;         /* how long of it the LEDs were on */
-    uint32_t condition;    /* index into the committed program; UINT32_MAX = dark */
-    uint32_t step;         /* controller step since arm; UINT32_MAX = not a step */
-    uint32_t camera;       /* index */
-    uint64_t sequence;     /* exposures of this camera since start: seeds the noise */
+    uint64_t true_ns;   /* start */
+    double exposure_us; /* as integrated: pulse + offset, or the ExposureTime register */
+    double lit_us;      /* how long of it the LEDs were on */
+    uint32_t condition; /* index into the committed program; UINT32_MAX = dark */
+    uint32_t step;      /* controller step since arm; UINT32_MAX = not a step */
+    uint32_t camera;    /* index */
+    uint64_t sequence;  /* exposures of this camera since start: seeds the noise */
 };
 
 /** Geometry of the raw image a camera wants. */

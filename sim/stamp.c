@@ -108,8 +108,8 @@ enum ls_err sim_stamp_read(const uint16_t *dn, uint32_t width, uint32_t height,
         return err;
     uint8_t bytes[STAMP_BYTES] = {0};
     for (uint32_t bit = 0; bit < 8 * STAMP_BYTES; bit++)
-        bytes[bit / 8] |= (uint8_t)(read_bit(dn, width, block_px(width, height), bit,
-                                             full_scale_dn) << (bit % 8));
+        bytes[bit / 8] |= (uint8_t)(read_bit(dn, width, block_px(width, height), bit, full_scale_dn)
+                                    << (bit % 8));
     if (get(bytes + RECORD_BYTES, 4) != ls_crc32c(0, bytes, RECORD_BYTES))
         return ls_fail(diag, LS_ERR_MISMATCH, "the image carries no legible stamp");
     decode(bytes, out);

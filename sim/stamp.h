@@ -15,13 +15,13 @@
 #include <stdint.h>
 
 struct sim_stamp {
-    uint16_t kind;      /* LS_WIRE_CONDITION_* */
-    uint16_t n_leds;    /* lit; saturates */
-    uint16_t light;     /* of the first lit LED; 0xffff = none */
-    uint8_t channel;    /* of the first lit LED; 0xff = none */
+    uint16_t kind;   /* LS_WIRE_CONDITION_* */
+    uint16_t n_leds; /* lit; saturates */
+    uint16_t light;  /* of the first lit LED; 0xffff = none */
+    uint8_t channel; /* of the first lit LED; 0xff = none */
     uint8_t camera;
-    uint32_t condition; /* UINT32_MAX = dark */
-    uint32_t step;      /* UINT32_MAX = not a step */
+    uint32_t condition;      /* UINT32_MAX = dark */
+    uint32_t step;           /* UINT32_MAX = not a step */
     uint32_t exposure_ns_10; /* exposure in units of 10 ns */
     uint32_t lit_ns_10;      /* how long of it the LEDs were on, units of 10 ns */
     uint32_t sequence;

@@ -81,8 +81,7 @@ static struct sim_body board(struct sim_vec centre, double width, double height,
 {
     struct sim_vec u = sim_vec(cos(turn), 0, -sin(turn));
     struct sim_vec out = sim_vec(sin(turn), 0, cos(turn));
-    struct sim_vec v =
-        sim_sub(sim_vec(0, cos(tilt), 0), sim_mul(out, (float)sin(tilt)));
+    struct sim_vec v = sim_sub(sim_vec(0, cos(tilt), 0), sim_mul(out, (float)sin(tilt)));
     u = sim_mul(u, (float)width);
     v = sim_mul(v, (float)height);
     return sim_quad(sim_along(sim_along(centre, u, -0.5f), v, -0.5f), u, v);
@@ -220,8 +219,8 @@ static uint16_t grid_surface(const struct sim_dress *dress, float *u, float *v)
     return (uint16_t)(dress->first_patch + (dress->rows - 1 - row) * dress->columns + column);
 }
 
-uint16_t sim_subject_surface(const struct sim_subject *s, uint32_t body, int part, float u,
-                             float v, float *su, float *sv)
+uint16_t sim_subject_surface(const struct sim_subject *s, uint32_t body, int part, float u, float v,
+                             float *su, float *sv)
 {
     const struct sim_dress *dress = &s->dress[body];
     *su = u;

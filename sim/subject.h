@@ -32,23 +32,23 @@ enum sim_finish {
 struct sim_surface {
     uint16_t material;
     enum sim_finish finish;
-    float alpha;          /* GGX roughness of coat or metal */
-    float weave;          /* amplitude of the fabric's texture */
+    float alpha;            /* GGX roughness of coat or metal */
+    float weave;            /* amplitude of the fabric's texture */
     float weave_u, weave_v; /* its periods over the surface */
-    float bend;           /* how far the normal leans towards the edges, as on worn wax */
+    float bend;             /* how far the normal leans towards the edges, as on worn wax */
     uint16_t body;
     uint8_t part;
-    float u0, u1, v0, v1;   /* its rectangle of the body's parameters */
+    float u0, u1, v0, v1;      /* its rectangle of the body's parameters */
     uint16_t nodes_u, nodes_v; /* 0: receives no bounced light */
     uint32_t first_node;
-    int16_t emitter;        /* index among the bouncing materials, -1 = does not bounce */
+    int16_t emitter; /* index among the bouncing materials, -1 = does not bounce */
 };
 
 struct sim_dress {
     uint16_t front, back; /* surfaces of parts 0 and 1 */
     uint16_t first_patch; /* surfaces of the grid on part 0 ... */
     uint16_t columns, rows;
-    float fill;           /* ... each this share of its cell, centred */
+    float fill; /* ... each this share of its cell, centred */
 };
 
 struct sim_subject {

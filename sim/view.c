@@ -8,8 +8,11 @@ int sim_view_cfa(const char *name, enum ls_cfa *out)
     static const struct {
         const char *name;
         enum ls_cfa cfa;
-    } orders[] = {{"mono", LS_CFA_NONE}, {"RG", LS_CFA_RGGB}, {"GR", LS_CFA_GRBG},
-                  {"GB", LS_CFA_GBRG},   {"BG", LS_CFA_BGGR}};
+    } orders[] = {{"mono", LS_CFA_NONE},
+                  {"RG", LS_CFA_RGGB},
+                  {"GR", LS_CFA_GRBG},
+                  {"GB", LS_CFA_GBRG},
+                  {"BG", LS_CFA_BGGR}};
     for (size_t i = 0; i < sizeof orders / sizeof *orders; i++)
         if (!strcmp(name, orders[i].name)) {
             *out = orders[i].cfa;

@@ -229,8 +229,7 @@ static enum ls_err connect_camera(struct aravis *a, struct ls_diag *diag)
     }
     ArvDevice *device = arv_camera_get_device(a->camera);
     if (!ARV_IS_GV_DEVICE(device))
-        return ls_fail(diag, LS_ERR_UNSUPPORTED, "camera %s: not a GigE Vision camera",
-                       a->address);
+        return ls_fail(diag, LS_ERR_UNSUPPORTED, "camera %s: not a GigE Vision camera", a->address);
     if (!arv_gv_device_is_controller(ARV_GV_DEVICE(device)))
         return ls_fail(diag, LS_ERR_BUSY,
                        "camera %s: another program controls it; if that one has died the camera "
@@ -315,8 +314,8 @@ static enum ls_err create_stream(struct aravis *a, ArvGvStreamOption options,
     g_object_set(a->stream, "socket-buffer", ARV_GV_STREAM_SOCKET_BUFFER_FIXED,
                  "socket-buffer-size", RECEIVE_BUFFER, "packet-resend",
                  ARV_GV_STREAM_PACKET_RESEND_ALWAYS, "initial-packet-timeout",
-                 INITIAL_PACKET_TIMEOUT_US, "packet-timeout", PACKET_TIMEOUT_US,
-                 "frame-retention", a->retention_us, "packet-request-ratio", 1.0, NULL);
+                 INITIAL_PACKET_TIMEOUT_US, "packet-timeout", PACKET_TIMEOUT_US, "frame-retention",
+                 a->retention_us, "packet-request-ratio", 1.0, NULL);
     enum ls_err err = wait_for_thread(a, diag);
     if (err)
         return err;
@@ -324,8 +323,8 @@ static enum ls_err create_stream(struct aravis *a, ArvGvStreamOption options,
     ls_aravis_describe_receive_path(options, info);
     if (!info->packet_socket)
         return LS_OK;
-    return ls_aravis_wait_receive_path(
-        a->address, arv_gv_stream_get_port(ARV_GV_STREAM(a->stream)), diag);
+    return ls_aravis_wait_receive_path(a->address, arv_gv_stream_get_port(ARV_GV_STREAM(a->stream)),
+                                       diag);
 }
 
 /** Aravis binds its packet socket before it filters it: what else passes the interface in between

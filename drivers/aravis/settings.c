@@ -46,8 +46,8 @@ static void note_unverified(struct pass *p, const char *feature)
     snprintf(list + used, room, "%s%s", used ? ", " : "", feature);
 }
 
-static enum ls_err mismatch(struct pass *p, const char *feature, const char *asked,
-                            const char *got, const GError *why)
+static enum ls_err mismatch(struct pass *p, const char *feature, const char *asked, const char *got,
+                            const GError *why)
 {
     return ls_fail(p->diag, LS_ERR_MISMATCH, "camera %s: %s: asked for %s, got %s%s%s%s",
                    p->address, feature, asked, got, why ? " (" : "", why ? why->message : "",
@@ -56,8 +56,7 @@ static enum ls_err mismatch(struct pass *p, const char *feature, const char *ask
 
 static bool is_gone(const GError *error)
 {
-    return error && error->domain == ARV_DEVICE_ERROR &&
-           error->code == ARV_DEVICE_ERROR_TIMEOUT;
+    return error && error->domain == ARV_DEVICE_ERROR && error->code == ARV_DEVICE_ERROR_TIMEOUT;
 }
 
 /** Forward a lost camera, else judge by what reads back; frees @written and @read. */
@@ -125,9 +124,9 @@ struct number {
     double (*get)(ArvCamera *camera, GError **error);
 };
 
-static const struct number exposure_time = {
-    "ExposureTime", arv_camera_is_exposure_time_available, arv_camera_set_exposure_time,
-    arv_camera_get_exposure_time};
+static const struct number exposure_time = {"ExposureTime", arv_camera_is_exposure_time_available,
+                                            arv_camera_set_exposure_time,
+                                            arv_camera_get_exposure_time};
 static const struct number gain = {"Gain", arv_camera_is_gain_available, arv_camera_set_gain,
                                    arv_camera_get_gain};
 static const struct number black_level = {"BlackLevel", arv_camera_is_black_level_available,
@@ -351,8 +350,7 @@ static enum ls_err set_chunks(struct pass *p, const struct ls_camera_config *con
     if (config->trigger != LS_TRIGGER_LINE)
         return LS_OK;
     info->has_trigger_counter =
-        (enable_chunk(p, "CounterValue", "ChunkCounterValue", &setup->counter) &&
-         counts_line(p)) ||
+        (enable_chunk(p, "CounterValue", "ChunkCounterValue", &setup->counter) && counts_line(p)) ||
         enable_chunk(p, "Triggerinputcounter", "ChunkTriggerinputcounter", &setup->counter);
     if (!info->has_trigger_counter)
         note_unverified(p, "ChunkCounterValue");
@@ -463,16 +461,16 @@ enum ls_err ls_aravis_apply(ArvCamera *camera, const char *address,
         err = set_stream(&p, config, setup);
     if (err)
         return err;
-    info->has_trigger_width = config->exposure == LS_EXPOSURE_WIDTH ||
-                              arv_device_is_enumeration_entry_available(p.device, "ExposureMode",
-                                                                        "TriggerWidth", NULL);
+    info->has_trigger_width =
+        config->exposure == LS_EXPOSURE_WIDTH ||
+        arv_device_is_enumeration_entry_available(p.device, "ExposureMode", "TriggerWidth", NULL);
     find_latch(&p, setup);
     return LS_OK;
 }
 
 enum ls_err ls_aravis_latch(ArvCamera *camera, const char *address,
-                            const struct ls_aravis_setup *setup,
-                            struct ls_camera_control *control, struct ls_diag *diag)
+                            const struct ls_aravis_setup *setup, struct ls_camera_control *control,
+                            struct ls_diag *diag)
 {
     ArvDevice *device = arv_camera_get_device(camera);
     GError *error = NULL;

@@ -33,8 +33,7 @@ LS_MUST_CHECK enum ls_err ls_aravis_apply(ArvCamera *camera, const char *address
 /** Latch the camera's clock; times as in ls_camera_latch. */
 LS_MUST_CHECK enum ls_err ls_aravis_latch(ArvCamera *camera, const char *address,
                                           const struct ls_aravis_setup *setup,
-                                          struct ls_camera_control *control,
-                                          struct ls_diag *diag);
+                                          struct ls_camera_control *control, struct ls_diag *diag);
 
 /** Host CLOCK_MONOTONIC_RAW in ns. RT-safe. */
 uint64_t ls_aravis_host_ns(void);

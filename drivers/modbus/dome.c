@@ -244,8 +244,8 @@ static enum ls_err wait_ready(struct dome *dome, const _Atomic bool *stop, struc
     return err;
 }
 
-static enum ls_err dome_load(void *priv, const struct ls_program *program,
-                             const _Atomic bool *stop, struct ls_diag *diag)
+static enum ls_err dome_load(void *priv, const struct ls_program *program, const _Atomic bool *stop,
+                             struct ls_diag *diag)
 {
     struct dome *dome = priv;
     uint16_t status[LS_WIRE_STATUS_SIZE];

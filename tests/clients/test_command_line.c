@@ -88,9 +88,9 @@ static void wrong_command_lines_end_with_2_and_a_sentence(void)
 
 static void every_command_explains_itself(void)
 {
-    static const char *const names[] = {"status", "rig", "preflight", "take start", "take list",
-                                        "take show", "take verify", "take resume", "take abort",
-                                        "fetch", "relight", "blank"};
+    static const char *const names[] = {"status",     "rig",       "preflight",   "take start",
+                                        "take list",  "take show", "take verify", "take resume",
+                                        "take abort", "fetch",     "relight",     "blank"};
     expect("x", "--help", 0, "Exit status");
     for (size_t i = 0; i < G_N_ELEMENTS(names); i++) {
         char *line = g_strdup_printf("%s --help", names[i]);
@@ -143,8 +143,10 @@ static void refusals_end_with_their_class(struct stage *stage, gconstpointer dat
         enum ls_err err;
         int code;
         const char *words;
-    } cases[] = {{LS_ERR_INVALID, 4, "(107 bad argument)"}, {LS_ERR_BUSY, 5, "(201 busy)"},
-                 {LS_ERR_REFUSED, 6, "(302 refused)"},      {LS_ERR_FULL, 7, "(401 storage full)"},
+    } cases[] = {{LS_ERR_INVALID, 4, "(107 bad argument)"},
+                 {LS_ERR_BUSY, 5, "(201 busy)"},
+                 {LS_ERR_REFUSED, 6, "(302 refused)"},
+                 {LS_ERR_FULL, 7, "(401 storage full)"},
                  {LS_ERR_BUG, 8, "(500 internal error)"}};
     char *line = start_line(stage, "--no-wait");
     for (size_t i = 0; i < G_N_ELEMENTS(cases); i++) {
@@ -175,8 +177,8 @@ static struct starting begin(struct stage *stage, const char *options)
 {
     struct starting starting;
     char *line = start_line(stage, options), **words = NULL;
-    char *command = g_strdup_printf("%s --socket %s %s", g_getenv("LIGHTSTAGECTL"),
-                                    stage->socket_path, line);
+    char *command =
+        g_strdup_printf("%s --socket %s %s", g_getenv("LIGHTSTAGECTL"), stage->socket_path, line);
     g_assert_true(g_shell_parse_argv(command, NULL, &words, NULL));
     g_assert_true(g_spawn_async_with_pipes(NULL, words, NULL, G_SPAWN_DO_NOT_REAP_CHILD, NULL, NULL,
                                            &starting.pid, NULL, &starting.out, &starting.err,
@@ -295,15 +297,15 @@ static void a_take_is_fetched_and_relit_from_the_command_line(struct stage *stag
                            stage->folder);
     expect(stage->socket_path, line, 0, "3 pictures");
     g_free(line);
-    line = g_strdup_printf("fetch %s --channel W --lights 7 --output %s/g", take->id,
-                           stage->folder);
+    line =
+        g_strdup_printf("fetch %s --channel W --lights 7 --output %s/g", take->id, stage->folder);
     expect(stage->socket_path, line, 2, "from 0 to 6");
     g_free(line);
     line = g_strdup_printf("take verify %s", take->id);
     expect(stage->socket_path, line, 0, "0 missing, 0 damaged");
     g_free(line);
-    static const char *const files[] = {"a.exr", "a.png", "b.exr", "f.0001.exr", "f.0004.exr",
-                                        "f.json", "f.csv"};
+    static const char *const files[] = {"a.exr",      "a.png",  "b.exr", "f.0001.exr",
+                                        "f.0004.exr", "f.json", "f.csv"};
     for (size_t i = 0; i < G_N_ELEMENTS(files); i++) {
         char *path = g_build_filename(stage->folder, files[i], NULL);
         g_assert_true(g_file_test(path, G_FILE_TEST_IS_REGULAR));
@@ -313,8 +315,8 @@ static void a_take_is_fetched_and_relit_from_the_command_line(struct stage *stag
     made_take_free(take);
 }
 
-#define ADD(name, function) g_test_add("/lightstagectl/" name, struct stage, NULL, with_stage,     \
-                                       function, end_stage)
+#define ADD(name, function) \
+    g_test_add("/lightstagectl/" name, struct stage, NULL, with_stage, function, end_stage)
 
 int main(int argc, char **argv)
 {

@@ -56,8 +56,7 @@ static struct ls_light_weights solve(const struct ls_take_document *document,
 {
     struct ls_light_weights weights;
     struct ls_diag diag = {0};
-    enum ls_err err =
-        ls_light_weights_make(document, environment, tristimulus, 0, &weights, &diag);
+    enum ls_err err = ls_light_weights_make(document, environment, tristimulus, 0, &weights, &diag);
     g_assert_cmpstr(diag.text, ==, "");
     g_assert_cmpint(err, ==, LS_OK);
     ls_environment_file_finish(environment);
@@ -150,7 +149,8 @@ static void a_constant_map_weights_lights_by_their_cells(void)
 static void a_warm_map_asks_for_more_red(void)
 {
     struct ls_take_document *document = a_document(true);
-    struct ls_environment_file warm = constant_map(1, 0.5f, 0.2f), cold = constant_map(0.4f, 0.6f, 1);
+    struct ls_environment_file warm = constant_map(1, 0.5f, 0.2f),
+                               cold = constant_map(0.4f, 0.6f, 1);
     struct ls_light_weights a = solve(document, &warm, false), b = solve(document, &cold, false);
     g_assert_cmpfloat((double)a.rows[TAKE_LIGHTS], >, 2 * (double)b.rows[TAKE_LIGHTS]);
     ls_light_weights_finish(&a);
@@ -187,8 +187,7 @@ static void the_light_comes_from_where_the_map_has_it(void)
         map.image.pixels[i] = 1; /* v < 1/4: within 45 degrees of up */
     struct ls_light_weights weights = solve(document, &map, true);
     for (uint32_t i = 0; i < TAKE_LIGHTS; i++)
-        *(document->direction[i][1] > 0 ? &above : &below) +=
-            (double)weights.rows[TAKE_LIGHTS + i];
+        *(document->direction[i][1] > 0 ? &above : &below) += (double)weights.rows[TAKE_LIGHTS + i];
     g_assert_cmpfloat(above, >, 0);
     g_assert_cmpfloat(below, ==, 0);
     ls_light_weights_finish(&weights);
@@ -197,7 +196,10 @@ static void the_light_comes_from_where_the_map_has_it(void)
 
 static void damaged_documents_are_refused_by_key(void)
 {
-    static const char *const texts[] = {"", "[]", "{}", "{\"rig\": 5}",
+    static const char *const texts[] = {"",
+                                        "[]",
+                                        "{}",
+                                        "{\"rig\": 5}",
                                         "{\"rig\": {\"lights\": {\"position_m\": [[0,0,0]]}}}",
                                         "{\"rig\": {\"lights\": {\"position_m\": [[1,\"x\"]]}}}"};
     for (size_t i = 0; i < G_N_ELEMENTS(texts); i++) {

@@ -44,10 +44,14 @@ static struct ls_calibration *sample(uint32_t n_colours)
     c->L = g_new(float, 2 * n_colours * 2);
     for (uint32_t i = 0; i < 2 * n_colours * 2; i++)
         c->L[i] = (float)i / 3;
-    c->camera = (struct ls_calibration_camera){.black_dn = 64, .full_scale_dn = 4095,
-                                               .electrons_per_dn = 2.56, .read_noise_dn = 1.95,
-                                               .exposure_offset_us = 13.7, .range_low = 0.125,
-                                               .range_high = 0.75, .n_hot = 1};
+    c->camera = (struct ls_calibration_camera){.black_dn = 64,
+                                               .full_scale_dn = 4095,
+                                               .electrons_per_dn = 2.56,
+                                               .read_noise_dn = 1.95,
+                                               .exposure_offset_us = 13.7,
+                                               .range_low = 0.125,
+                                               .range_high = 0.75,
+                                               .n_hot = 1};
     c->camera.sensitivity = ramp(n_colours);
     c->camera.hot = g_malloc0(sizeof *c->camera.hot);
     c->camera.hot[0][0] = 185;
@@ -199,10 +203,14 @@ static void test_hostile(void)
     memset(nested, '[', 200000);
     expect_refused(nested, 200000);
     g_free(nested);
-    static const char *const odd[] = {"", "null", "[]", "{\"format\": 1}",
+    static const char *const odd[] = {"",
+                                      "null",
+                                      "[]",
+                                      "{\"format\": 1}",
                                       "{\"format\": 1, \"format\": 1}",
                                       "{\"format\": 1, \"lights\": 3, \"channels\": null}",
-                                      "{\"format\": 1e400}", "\xff\xfe"};
+                                      "{\"format\": 1e400}",
+                                      "\xff\xfe"};
     for (size_t i = 0; i < G_N_ELEMENTS(odd); i++)
         expect_refused(odd[i], strlen(odd[i]));
     free(text);

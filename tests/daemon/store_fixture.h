@@ -17,7 +17,7 @@
 enum { PICTURE_W = 100, PICTURE_H = 70, N_CONDITIONS = 12 };
 
 static const char *const condition_ids[N_CONDITIONS] = {
-    "dark-0", "W-0000", "W-0001", "W-0002", "W-0003", "W-0004",
+    "dark-0", "W-0000", "W-0001", "W-0002",   "W-0003",   "W-0004",
     "W-0005", "W-0006", "W-0007", "sphere-W", "sphere-R", "sphere-B"};
 
 static inline char *new_root(void)
@@ -54,13 +54,19 @@ static inline unsigned count_files(const char *path)
 
 static inline struct ls_store_config a_take(const char *root)
 {
-    return (struct ls_store_config){
-        .root = root, .name = "still_life-1", .take_json = "{\"plan\": {\"x\": 1}}",
-        .utc_s = 1715947200, .n_cameras = 1, .n_shots = N_CONDITIONS,
-        .conditions = condition_ids, .n_conditions = N_CONDITIONS, .need_bytes = 1 << 20};
+    return (struct ls_store_config){.root = root,
+                                    .name = "still_life-1",
+                                    .take_json = "{\"plan\": {\"x\": 1}}",
+                                    .utc_s = 1715947200,
+                                    .n_cameras = 1,
+                                    .n_shots = N_CONDITIONS,
+                                    .conditions = condition_ids,
+                                    .n_conditions = N_CONDITIONS,
+                                    .need_bytes = 1 << 20};
 }
 
-/* Pixels depend on condition and camera; every third picture has invalid pixels; darks are float. */
+/* Pixels depend on condition and camera; every third picture has invalid pixels; darks are float.
+ */
 static inline enum ls_err publish(struct ls_store *store, uint32_t condition, uint32_t camera,
                                   struct ls_diag *diag)
 {
@@ -74,10 +80,11 @@ static inline enum ls_err publish(struct ls_store *store, uint32_t condition, ui
     }
     validity[condition] = condition % 3 == 0;
     ls_exr_attrs_int(&attrs, "lightstage/light", (int)condition);
-    struct ls_store_picture picture = {
-        condition_ids[condition], camera,
-        {PICTURE_W, PICTURE_H, condition ? half : NULL, condition ? NULL : dn,
-         condition ? validity : NULL, &attrs}};
+    struct ls_store_picture picture = {condition_ids[condition],
+                                       camera,
+                                       {PICTURE_W, PICTURE_H, condition ? half : NULL,
+                                        condition ? NULL : dn, condition ? validity : NULL,
+                                        &attrs}};
     enum ls_err err = ls_store_publish(store, &picture, diag);
     ls_exr_attrs_finish(&attrs);
     return err;
@@ -85,9 +92,15 @@ static inline enum ls_err publish(struct ls_store *store, uint32_t condition, ui
 
 static inline enum ls_err ticket(struct ls_store *store, uint32_t shot, struct ls_diag *diag)
 {
-    struct ls_ticket t = {.shot = shot, .step = shot, .condition = shot, .pulse_us = 1000,
-                          .frame_id = shot + 1, .status = LS_FRAME_OK, .exposure_used_us = 1013.7,
-                          .residual_us = 0.25, .raw_bytes = 3,
+    struct ls_ticket t = {.shot = shot,
+                          .step = shot,
+                          .condition = shot,
+                          .pulse_us = 1000,
+                          .frame_id = shot + 1,
+                          .status = LS_FRAME_OK,
+                          .exposure_used_us = 1013.7,
+                          .residual_us = 0.25,
+                          .raw_bytes = 3,
                           .raw_crc32c = ls_crc32c(0, "raw", 3)};
     return ls_store_ticket(store, &t, diag);
 }

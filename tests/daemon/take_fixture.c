@@ -169,16 +169,16 @@ static json_t *conditions_json(void)
     for (int i = 0; i < TAKE_LIGHTS; i++) {
         char id[16];
         snprintf(id, sizeof id, "W-%04d", i);
-        json_array_append_new(list, json_pack("{ss ss si ss si si}", "id", id, "kind", "one",
-                                              "light", i, "channel", "W", "level", 65535,
-                                              "repeats", 1));
+        json_array_append_new(list,
+                              json_pack("{ss ss si ss si si}", "id", id, "kind", "one", "light", i,
+                                        "channel", "W", "level", 65535, "repeats", 1));
     }
     for (int c = 0; c < 2; c++) {
         char id[16];
         snprintf(id, sizeof id, "sphere-%s", names[c]);
-        json_array_append_new(list, json_pack("{ss ss ss si si}", "id", id, "kind", "sphere",
-                                              "channel", names[c], "level", TAKE_LEVEL,
-                                              "repeats", 1));
+        json_array_append_new(list,
+                              json_pack("{ss ss ss si si}", "id", id, "kind", "sphere", "channel",
+                                        names[c], "level", TAKE_LEVEL, "repeats", 1));
     }
     return list;
 }
@@ -287,7 +287,7 @@ static void publish_all(struct made_take *take, struct ls_store *store, int miss
 
 static void write_take(struct made_take *take, const char *storage, const char *json, int missing)
 {
-    static const char *const conditions[] = {"dark-0", "W-0000", "W-0001", "W-0002", "W-0003",
+    static const char *const conditions[] = {"dark-0", "W-0000", "W-0001", "W-0002",   "W-0003",
                                              "W-0004", "W-0005", "W-0006", "sphere-W", "sphere-R"};
     struct ls_store *store = NULL;
     struct ls_diag diag = {0};
@@ -300,8 +300,8 @@ static void write_take(struct made_take *take, const char *storage, const char *
                                            .conditions = conditions,
                                            .n_conditions = G_N_ELEMENTS(conditions),
                                            .need_bytes = 1 << 20};
-    const struct ls_store_end end = {.state = missing < 0 ? LS_STORE_COMPLETE
-                                                          : LS_STORE_INCOMPLETE};
+    const struct ls_store_end end = {.state =
+                                         missing < 0 ? LS_STORE_COMPLETE : LS_STORE_INCOMPLETE};
     enum ls_err err = ls_store_create(&config, &store, &diag);
     g_assert_cmpstr(diag.text, ==, "");
     g_assert_cmpint(err, ==, LS_OK);

@@ -20,8 +20,8 @@ enum { TAKE_LEVEL = 728, TAKE_PATCHES = 6 };
 
 struct made_take {
     char *id;
-    struct ls_calibration *calibration; /* as in its take.json; NULL = made without */
-    double scale;                       /* R = scale k stored */
+    struct ls_calibration *calibration;    /* as in its take.json; NULL = made without */
+    double scale;                          /* R = scale k stored */
     float light[TAKE_LIGHTS][TAKE_PIXELS]; /* stored values of W, exact halves */
     float sphere_r[TAKE_PIXELS];           /* stored, exact halves */
     double k[2][TAKE_LIGHTS];              /* of W and R, as read back from JSON */

@@ -47,7 +47,7 @@ static void setup(struct fixture *f, gconstpointer unused)
 
 static void teardown(struct fixture *f, gconstpointer unused)
 {
-    const char *names[] = { "daemon.conf", "rig.conf", "p.csv" };
+    const char *names[] = {"daemon.conf", "rig.conf", "p.csv"};
     for (size_t i = 0; i < G_N_ELEMENTS(names); i++) {
         char *path = g_build_filename(f->dir, names[i], NULL);
         g_unlink(path);
@@ -69,7 +69,7 @@ static struct ls_config *load(struct fixture *f, struct ls_diag *diag)
 
 static void assert_refused(struct fixture *f, const char *sentence)
 {
-    struct ls_diag diag = { 0 };
+    struct ls_diag diag = {0};
     g_assert_null(load(f, &diag));
     if (!strstr(diag.text, sentence))
         g_error("\"%s\" does not say \"%s\"", diag.text, sentence);
@@ -77,7 +77,7 @@ static void assert_refused(struct fixture *f, const char *sentence)
 
 static void test_good_files_load(struct fixture *f, gconstpointer unused)
 {
-    struct ls_diag diag = { 0 };
+    struct ls_diag diag = {0};
     struct ls_config *c = load(f, &diag);
     g_assert_cmpstr(diag.text, ==, "");
     g_assert_cmpuint(c->n_lights, ==, 3);
@@ -98,12 +98,12 @@ static void test_wrong_keys_and_values_are_refused(struct fixture *f, gconstpoin
     static const struct {
         const char *daemon, *sentence;
     } cases[] = {
-        { "stroage = \"x\"; ", "unknown key stroage: expected one of storage, socket" },
-        { "ring_slots = 3; ", "ring_slots: 3: expected 16 to 1024" },
-        { "ring_slots = 16.5; ", "expected a whole number" },
-        { "retries = \"three\"; ", "retries: expected a number" },
-        { "retries = ; ", "daemon.conf:" },
-        { "merge_threads = 1e30; ", "merge_threads" },
+        {"stroage = \"x\"; ", "unknown key stroage: expected one of storage, socket"},
+        {"ring_slots = 3; ", "ring_slots: 3: expected 16 to 1024"},
+        {"ring_slots = 16.5; ", "expected a whole number"},
+        {"retries = \"three\"; ", "retries: expected a number"},
+        {"retries = ; ", "daemon.conf:"},
+        {"merge_threads = 1e30; ", "merge_threads"},
     };
     for (size_t i = 0; i < G_N_ELEMENTS(cases); i++) {
         char *text = g_strconcat(daemon_conf, cases[i].daemon, NULL);
@@ -130,27 +130,31 @@ static void test_wrong_rigs_are_refused_with_their_line(struct fixture *f, gcons
     write_file(f, "p.csv", "# nothing\n");
     assert_refused(f, "no lights in it");
     g_free(rig);
-    write_file(f, "daemon.conf", "storage = \"t\"; socket = \"s\"; rig = \"none.conf\";\n"
-                                 "controller = { address = \"a\"; };");
+    write_file(f, "daemon.conf",
+               "storage = \"t\"; socket = \"s\"; rig = \"none.conf\";\n"
+               "controller = { address = \"a\"; };");
     assert_refused(f, "none.conf");
 }
 
 static void test_positions_are_converted_to_the_stage_frame(void)
 {
-    struct ls_diag diag = { 0 };
+    struct ls_diag diag = {0};
     struct ls_positions p;
     const char text[] = "10,20,30\n";
-    g_assert_cmpint(ls_positions_parse(text, strlen(text), "t", "left,up,away", "cm", 10, &p, &diag),
-                    ==, LS_OK);
+    g_assert_cmpint(
+        ls_positions_parse(text, strlen(text), "t", "left,up,away", "cm", 10, &p, &diag), ==,
+        LS_OK);
     /* exact up to the rounding of 0.01f */
     g_assert_cmpfloat_with_epsilon(p.xyz_m[0][0], -0.1f, 1e-7);
     g_assert_cmpfloat_with_epsilon(p.xyz_m[0][1], 0.2f, 1e-7);
     g_assert_cmpfloat_with_epsilon(p.xyz_m[0][2], -0.3f, 1e-7);
     ls_positions_finish(&p);
-    g_assert_cmpint(ls_positions_parse(text, strlen(text), "t", "left,right,up", "cm", 10, &p, &diag),
-                    ==, LS_ERR_INVALID);
-    g_assert_cmpint(ls_positions_parse(text, strlen(text), "t", "left,up,away", "ft", 10, &p, &diag),
-                    ==, LS_ERR_INVALID);
+    g_assert_cmpint(
+        ls_positions_parse(text, strlen(text), "t", "left,right,up", "cm", 10, &p, &diag), ==,
+        LS_ERR_INVALID);
+    g_assert_cmpint(
+        ls_positions_parse(text, strlen(text), "t", "left,up,away", "ft", 10, &p, &diag), ==,
+        LS_ERR_INVALID);
 }
 
 static void test_the_measured_rig_loads_coincident_lights_included(void)
@@ -164,9 +168,10 @@ static void test_the_measured_rig_loads_coincident_lights_included(void)
         g_test_skip("shared data absent: set LS_SHARED_DATA");
     } else {
         struct ls_positions p;
-        struct ls_diag diag = { 0 };
-        g_assert_cmpint(ls_positions_parse(text, length, path, "left,up,away", "cm", 4096, &p, &diag),
-                        ==, LS_OK);
+        struct ls_diag diag = {0};
+        g_assert_cmpint(
+            ls_positions_parse(text, length, path, "left,up,away", "cm", 4096, &p, &diag), ==,
+            LS_OK);
         g_assert_cmpuint(p.n, ==, 346);
         unsigned twins = 0;
         for (unsigned i = 0; i < p.n; i++)
@@ -185,7 +190,7 @@ static const char good_plan[] = "subject = \"still\"; exposures_us = [250, 1000]
 
 static void test_a_plan_puts_darks_first_and_brackets_whole(struct fixture *f, gconstpointer unused)
 {
-    struct ls_diag diag = { 0 };
+    struct ls_diag diag = {0};
     struct ls_config *c = load(f, &diag);
     struct ls_plan *p = NULL;
     g_assert_cmpint(ls_plan_parse(good_plan, c, &p, &diag), ==, LS_OK);
@@ -210,28 +215,28 @@ static void test_wrong_plans_are_refused(struct fixture *f, gconstpointer unused
     static const struct {
         const char *text, *sentence;
     } cases[] = {
-        { "exposures_us = [1]; conditions = ();", "subject: missing" },
-        { "subject = \"person\"; exposures_us = [1]; conditions = ();", "\"still\" or \"live\"" },
-        { "subject = \"still\"; exposures_us = [2, 1]; conditions = ();", "shortest first" },
-        { "subject = \"still\"; exposures_us = [1]; conditions = ();", "nothing to photograph" },
-        { "subject = \"still\"; exposures_us = [1]; conditions = ( { kind = \"each\"; channels = "
-          "[\"Z\"]; } );",
-          "no such channel" },
-        { "subject = \"still\"; exposures_us = [1]; conditions = ( { kind = \"each\"; channels = "
-          "[\"W\"]; lights = [3]; } );",
-          "light 3: expected 0 to 2" },
-        { "subject = \"still\"; exposures_us = [1];\nconditions = ( { kind = \"each\"; channels = "
-          "[\"W\"]; lihgts = [3]; } );",
-          "plan:2: unknown key lihgts" },
-        { "subject = \"still\"; exposures_us = [1]; conditions = ( { kind = \"each\"; channels = "
-          "[\"W\", \"W\"]; } );",
-          "asked for twice" },
-        { "subject = \"still\"; exposures_us = [1]; period_us = 10; conditions = ( { kind = "
-          "\"each\"; channels = [\"W\"]; } );",
-          "period_us: 10: expected" },
-        { "subject = ", "plan:1:" },
+        {"exposures_us = [1]; conditions = ();", "subject: missing"},
+        {"subject = \"person\"; exposures_us = [1]; conditions = ();", "\"still\" or \"live\""},
+        {"subject = \"still\"; exposures_us = [2, 1]; conditions = ();", "shortest first"},
+        {"subject = \"still\"; exposures_us = [1]; conditions = ();", "nothing to photograph"},
+        {"subject = \"still\"; exposures_us = [1]; conditions = ( { kind = \"each\"; channels = "
+         "[\"Z\"]; } );",
+         "no such channel"},
+        {"subject = \"still\"; exposures_us = [1]; conditions = ( { kind = \"each\"; channels = "
+         "[\"W\"]; lights = [3]; } );",
+         "light 3: expected 0 to 2"},
+        {"subject = \"still\"; exposures_us = [1];\nconditions = ( { kind = \"each\"; channels = "
+         "[\"W\"]; lihgts = [3]; } );",
+         "plan:2: unknown key lihgts"},
+        {"subject = \"still\"; exposures_us = [1]; conditions = ( { kind = \"each\"; channels = "
+         "[\"W\", \"W\"]; } );",
+         "asked for twice"},
+        {"subject = \"still\"; exposures_us = [1]; period_us = 10; conditions = ( { kind = "
+         "\"each\"; channels = [\"W\"]; } );",
+         "period_us: 10: expected"},
+        {"subject = ", "plan:1:"},
     };
-    struct ls_diag diag = { 0 };
+    struct ls_diag diag = {0};
     struct ls_config *c = load(f, &diag);
     for (size_t i = 0; i < G_N_ELEMENTS(cases); i++) {
         struct ls_plan *p = NULL;

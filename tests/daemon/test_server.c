@@ -32,8 +32,8 @@ static uint32_t ask(struct ls_connection *client, uint16_t type, const ProtobufC
 {
     struct ls_reply own;
     struct ls_diag diag = {0};
-    enum ls_err err = ls_connection_call(client, type, body, payload,
-                                         payload ? strlen(payload) : 0, &own, &diag);
+    enum ls_err err =
+        ls_connection_call(client, type, body, payload, payload ? strlen(payload) : 0, &own, &diag);
     if (err) {
         g_assert_cmpint(err, ==, LS_ERR_REFUSED);
         g_assert_cmpstr(diag.text, !=, "");
@@ -64,8 +64,9 @@ static uint32_t follow(struct ls_connection *client)
 {
     Lightstage__TakeProgress body = LIGHTSTAGE__TAKE_PROGRESS__INIT;
     uint32_t request = 0;
-    g_assert_cmpint(ls_connection_send(client, LS_MESSAGE_TAKE_PROGRESS, &body.base, NULL, 0,
-                                       &request, NULL), ==, LS_OK);
+    g_assert_cmpint(
+        ls_connection_send(client, LS_MESSAGE_TAKE_PROGRESS, &body.base, NULL, 0, &request, NULL),
+        ==, LS_OK);
     return request;
 }
 
@@ -105,8 +106,9 @@ static uint32_t refusal_of(int fd, const void *bytes, size_t n)
         for (size_t at = 0, used; at < (size_t)got; at += used) {
             int complete;
             ProtobufCMessage *message = NULL;
-            g_assert_cmpint(ls_frame_decoder_feed(&decoder, in + at, (size_t)got - at, &used,
-                                                  &complete, NULL), ==, LS_OK);
+            g_assert_cmpint(
+                ls_frame_decoder_feed(&decoder, in + at, (size_t)got - at, &used, &complete, NULL),
+                ==, LS_OK);
             if (!complete)
                 continue;
             if (decoder.header.type == LS_MESSAGE_ERROR) {
@@ -198,8 +200,7 @@ static void the_same_token_starts_once(struct stage *stage, gconstpointer data)
     g_assert_cmpuint(engine_state(stage).started, ==, 1);
     uint32_t bound;
     bool last;
-    g_assert_cmpint(next_state(a, follow(a), &bound, &last), ==,
-                    LIGHTSTAGE__TAKE_STATE__COMPLETE);
+    g_assert_cmpint(next_state(a, follow(a), &bound, &last), ==, LIGHTSTAGE__TAKE_STATE__COMPLETE);
     g_assert_true(last);
     ls_connection_close(a);
 }
@@ -292,8 +293,9 @@ static void cancel_ends_a_subscription(struct stage *stage, gconstpointer data)
     g_assert_cmpuint(start_take(client, "token", &already), ==, 0);
     cancel.request = follow(client);
     next_state(client, cancel.request, &bound, &last);
-    g_assert_cmpint(ls_connection_send(client, LS_MESSAGE_CANCEL, &cancel.base, NULL, 0, &other,
-                                       NULL), ==, LS_OK);
+    g_assert_cmpint(
+        ls_connection_send(client, LS_MESSAGE_CANCEL, &cancel.base, NULL, 0, &other, NULL), ==,
+        LS_OK);
     g_assert_cmpint(ls_connection_receive(client, cancel.request, &reply, NULL), ==,
                     LS_ERR_REFUSED);
     g_assert_cmpuint(ls_connection_error(client), ==, LS_PROTO_CANCELLED);
@@ -331,10 +333,10 @@ static void bad_streams_get_an_error_and_are_closed(struct stage *stage, gconstp
         uint8_t value;
         uint32_t number;
     } cases[] = {
-        {"magic", 0, 'X', 100},          {"version", 4, 9, 101},
-        {"unknown flag", 9, 1, 100},     {"unknown type", 7, 0x11, 102},
+        {"magic", 0, 'X', 100},           {"version", 4, 9, 101},
+        {"unknown flag", 9, 1, 100},      {"unknown type", 7, 0x11, 102},
         {"a reply's type", 7, 0x80, 102}, {"request id 0", 12, 0, 100},
-        {"long message", 18, 2, 103},    {"long payload", 30, 1, 103},
+        {"long message", 18, 2, 103},     {"long payload", 30, 1, 103},
         {"reserved", 20, 1, 100},
     };
     for (size_t i = 0; i < G_N_ELEMENTS(cases); i++) {
@@ -435,8 +437,7 @@ static void silent_and_half_spoken_clients_are_closed(struct stage *stage, gcons
 }
 
 /* Asks for the rig for ever and never reads: memory stays bounded, others are served. */
-static void a_client_that_never_reads_is_counted_and_closed(struct stage *stage,
-                                                            gconstpointer data)
+static void a_client_that_never_reads_is_counted_and_closed(struct stage *stage, gconstpointer data)
 {
     static struct ls_config_light many[LS_MAX_LIGHTS];
     Lightstage__Rig body = LIGHTSTAGE__RIG__INIT;
@@ -525,8 +526,7 @@ static void a_file_in_the_sockets_place_is_kept(struct stage *stage, gconstpoint
     g_assert_cmpstr(text, ==, "precious");
     g_free(text);
     g_free(path);
-    g_assert_cmpint(ls_listen_unix("/nonexistent/folder/socket", &fd, &diag), ==,
-                    LS_ERR_NOT_FOUND);
+    g_assert_cmpint(ls_listen_unix("/nonexistent/folder/socket", &fd, &diag), ==, LS_ERR_NOT_FOUND);
     char *longest = g_strnfill(200, 'x');
     g_assert_cmpint(ls_listen_unix(longest, &fd, &diag), ==, LS_ERR_INVALID);
     g_free(longest);
@@ -555,10 +555,10 @@ static void nothing(struct stage *stage, gconstpointer data)
 {
 }
 
-#define ADD(name, function) g_test_add("/server/" name, struct stage, NULL, with_stage, function,  \
-                                       end_stage)
-#define ADD_OWN(name, function) g_test_add("/server/" name, struct stage, NULL, nothing, function, \
-                                           end_stage)
+#define ADD(name, function) \
+    g_test_add("/server/" name, struct stage, NULL, with_stage, function, end_stage)
+#define ADD_OWN(name, function) \
+    g_test_add("/server/" name, struct stage, NULL, nothing, function, end_stage)
 
 int main(int argc, char **argv)
 {

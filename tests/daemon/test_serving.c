@@ -112,19 +112,22 @@ static void a_relight(struct relight *r, const struct hall *hall, Lightstage__We
 
 static GByteArray *relit(struct hall *hall, const struct relight *r, uint32_t *number)
 {
-    return receive_all(hall, send_request(hall, LS_MESSAGE_RELIGHT, &r->body.base, r->weights,
-                                          r->n_rows * TAKE_LIGHTS * sizeof(float)), number);
+    return receive_all(hall,
+                       send_request(hall, LS_MESSAGE_RELIGHT, &r->body.base, r->weights,
+                                    r->n_rows * TAKE_LIGHTS * sizeof(float)),
+                       number);
 }
 
 /* ---- expected, the long way ---- */
 
 static void demosaic(const float *mosaic, float *rgb)
 {
-    struct ls_demosaic_source source = {mosaic, TAKE_W, {0, 0, TAKE_W, TAKE_H}, TAKE_W, TAKE_H,
-                                        LS_CFA_RGGB};
+    struct ls_demosaic_source source = {mosaic, TAKE_W, {0, 0, TAKE_W, TAKE_H},
+                                        TAKE_W, TAKE_H, LS_CFA_RGGB};
     struct ls_demosaic_target target = {{rgb, rgb + 1, rgb + 2}, 3, 3 * TAKE_W};
     g_assert_cmpint(ls_demosaic(&source, (struct ls_demosaic_region){0, 0, TAKE_W, TAKE_H},
-                                LS_DEMOSAIC_GRADIENT, &target), ==, LS_OK);
+                                LS_DEMOSAIC_GRADIENT, &target),
+                    ==, LS_OK);
 }
 
 /* Demosaiced sum of the lights under w k. */
@@ -160,8 +163,8 @@ static float *ratio_of_red(const struct made_take *take)
     return ratio;
 }
 
-static void add(float *out, const struct made_take *take, const float *weights,
-                const float *ratio, int only)
+static void add(float *out, const struct made_take *take, const float *weights, const float *ratio,
+                int only)
 {
     double w[TAKE_LIGHTS];
     for (int i = 0; i < TAKE_LIGHTS; i++)
@@ -286,8 +289,8 @@ static void skipped_lights_are_counted_and_bounded(struct hall *hall, gconstpoin
         for (size_t i = 0; i < (size_t)band->n_rows * TAKE_W * 3; i++) {
             float value;
             memcpy(&value, reply.payload + 4 * i, 4);
-            worst = fmax(worst, fabs((double)value -
-                                     (double)e[(size_t)band->first_row * TAKE_W * 3 + i]));
+            worst = fmax(worst,
+                         fabs((double)value - (double)e[(size_t)band->first_row * TAKE_W * 3 + i]));
         }
         skipped = band->lights_skipped;
         bound = band->error_bound;
@@ -415,8 +418,8 @@ static void reflectance_carries_gain_and_scale(struct hall *hall, gconstpointer 
     fetch.n_lights = 1;
     GByteArray *got = fetched(hall, &fetch, &number);
     for (int p = 0; p < TAKE_PIXELS; p++)
-        expected[p] = (float)(hall->take->scale * hall->take->k[0][4] *
-                              (double)hall->take->light[4][p]);
+        expected[p] =
+            (float)(hall->take->scale * hall->take->k[0][4] * (double)hall->take->light[4][p]);
     assert_close(got, expected, TAKE_PIXELS, hall->take->scale);
     g_byte_array_unref(got);
     g_free(expected);
@@ -490,13 +493,15 @@ static void a_take_is_listed_shown_and_verified(struct hall *hall, gconstpointer
     Lightstage__TakeVerify verify = LIGHTSTAGE__TAKE_VERIFY__INIT;
     Lightstage__TakeList list = LIGHTSTAGE__TAKE_LIST__INIT;
     struct ls_reply reply;
-    g_assert_cmpint(ls_connection_call(hall->client, LS_MESSAGE_TAKE_LIST, &list.base, NULL, 0,
-                                       &reply, NULL), ==, LS_OK);
+    g_assert_cmpint(
+        ls_connection_call(hall->client, LS_MESSAGE_TAKE_LIST, &list.base, NULL, 0, &reply, NULL),
+        ==, LS_OK);
     g_assert_cmpuint(((const Lightstage__TakeListReply *)reply.message)->n_takes, ==, 1);
     ls_reply_finish(&reply);
     show.take = verify.take = hall->take->id;
-    g_assert_cmpint(ls_connection_call(hall->client, LS_MESSAGE_TAKE_SHOW, &show.base, NULL, 0,
-                                       &reply, NULL), ==, LS_OK);
+    g_assert_cmpint(
+        ls_connection_call(hall->client, LS_MESSAGE_TAKE_SHOW, &show.base, NULL, 0, &reply, NULL),
+        ==, LS_OK);
     const Lightstage__TakeSummary *s = ((const Lightstage__TakeShowReply *)reply.message)->summary;
     g_assert_cmpstr(s->state, ==, "complete");
     g_assert_cmpuint(s->n_lights, ==, TAKE_LIGHTS);
@@ -505,7 +510,8 @@ static void a_take_is_listed_shown_and_verified(struct hall *hall, gconstpointer
                                   "reference_exposure_s"));
     ls_reply_finish(&reply);
     g_assert_cmpint(ls_connection_call(hall->client, LS_MESSAGE_TAKE_VERIFY, &verify.base, NULL, 0,
-                                       &reply, NULL), ==, LS_OK);
+                                       &reply, NULL),
+                    ==, LS_OK);
     g_assert_cmpuint(((const Lightstage__TakeVerifyReply *)reply.message)->conditions_damaged, ==,
                      0);
     ls_reply_finish(&reply);
@@ -585,8 +591,9 @@ static void a_client_that_leaves_in_the_middle_frees_its_job(struct hall *hall, 
         struct ls_connection *client = a_client(&hall->stage);
         struct ls_reply reply;
         uint32_t request;
-        g_assert_cmpint(ls_connection_send(client, LS_MESSAGE_FETCH, &fetch.base, NULL, 0, &request,
-                                           NULL), ==, LS_OK);
+        g_assert_cmpint(
+            ls_connection_send(client, LS_MESSAGE_FETCH, &fetch.base, NULL, 0, &request, NULL), ==,
+            LS_OK);
         if (k % 2)
             g_assert_cmpint(ls_connection_receive(client, request, &reply, NULL), ==, LS_OK);
         if (k % 2)
@@ -636,7 +643,7 @@ static void too_many_requests_in_flight_are_refused(struct hall *hall, gconstpoi
     g_assert_cmpuint(refused, >, 0);
 }
 
-#define ADD(name, setup, function)                                                                 \
+#define ADD(name, setup, function) \
     g_test_add("/serving/" name, struct hall, NULL, setup, function, leave)
 
 int main(int argc, char **argv)

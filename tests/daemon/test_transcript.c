@@ -19,8 +19,8 @@ struct turn {
 
 static char *read_document(void)
 {
-    char *text = NULL, *path = g_build_filename(g_getenv("LS_SOURCE_ROOT"), "proto", "PROTOCOL.md",
-                                                NULL);
+    char *text = NULL,
+         *path = g_build_filename(g_getenv("LS_SOURCE_ROOT"), "proto", "PROTOCOL.md", NULL);
     g_assert_true(g_file_get_contents(path, &text, NULL, NULL));
     g_free(path);
     return text;
@@ -62,8 +62,9 @@ static GPtrArray *parse(const char *document)
             turn = g_new0(struct turn, 1);
             turn->direction = (*l)[4];
             turn->bytes = g_byte_array_new();
-            g_assert_cmpint(sscanf(*l + 5, "%31s %31s %31s", turn->words[0], turn->words[1],
-                                   turn->words[2]), >=, 2);
+            g_assert_cmpint(
+                sscanf(*l + 5, "%31s %31s %31s", turn->words[0], turn->words[1], turn->words[2]),
+                >=, 2);
             g_ptr_array_add(turns, turn);
         } else {
             g_assert_nonnull(turn);

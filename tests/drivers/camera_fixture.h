@@ -28,7 +28,7 @@ struct bench {
     struct sim_camera *sim;
     struct ls_camera *camera;
     struct ls_camera_slots slots;
-    bool whole_pattern; /* every byte of the picture is checked, else only its stamp */
+    bool whole_pattern;   /* every byte of the picture is checked, else only its stamp */
     pthread_mutex_t lock; /* of the log */
     pthread_cond_t logged;
     struct bench_entry log[BENCH_LOG];

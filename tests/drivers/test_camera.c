@@ -321,11 +321,21 @@ static void test_formats(void)
         const char *name;
         uint32_t bits;
     } formats[] = {
-        {"Mono8", 8},           {"Mono12", 16},          {"Mono16", 16},
-        {"Mono12Packed", 12},   {"BayerRG8", 8},         {"BayerGR8", 8},
-        {"BayerGB8", 8},        {"BayerBG8", 8},         {"BayerRG12", 16},
-        {"BayerGR12", 16},      {"BayerGB12", 16},       {"BayerBG12", 16},
-        {"BayerRG12Packed", 12}, {"BayerGR12Packed", 12}, {"BayerGB12Packed", 12},
+        {"Mono8", 8},
+        {"Mono12", 16},
+        {"Mono16", 16},
+        {"Mono12Packed", 12},
+        {"BayerRG8", 8},
+        {"BayerGR8", 8},
+        {"BayerGB8", 8},
+        {"BayerBG8", 8},
+        {"BayerRG12", 16},
+        {"BayerGR12", 16},
+        {"BayerGB12", 16},
+        {"BayerBG12", 16},
+        {"BayerRG12Packed", 12},
+        {"BayerGR12Packed", 12},
+        {"BayerGB12Packed", 12},
         {"BayerBG12Packed", 12},
     };
     struct bench *b = bench_new(12);
@@ -437,8 +447,8 @@ static void test_full_rate(void)
         return;
     }
     b->sim_config.sensor_width = b->sim_config.sensor_height = 2048;
-    b->config.packet_size = g_getenv("LS_TEST_PACKET") ? (uint32_t)atoi(g_getenv("LS_TEST_PACKET"))
-                                                       : 65000;
+    b->config.packet_size =
+        g_getenv("LS_TEST_PACKET") ? (uint32_t)atoi(g_getenv("LS_TEST_PACKET")) : 65000;
     b->whole_pattern = false;
     bench_power_up(b);
     bench_start(b, 24);

@@ -298,8 +298,8 @@ static void test_arv_tool(void)
 {
     struct bench *b = bench_new(42);
     const char *list[] = {"arv-tool-0.8", NULL};
-    const char *read[] = {"arv-tool-0.8", "-a", b->address, "control", "SensorWidth",
-                          "ExposureMode", NULL};
+    const char *read[] = {"arv-tool-0.8", "-a",           b->address, "control",
+                          "SensorWidth",  "ExposureMode", NULL};
     bench_plug_in(b);
     char *text = output_of(list);
     if (!text) {
@@ -318,8 +318,9 @@ static void test_arv_tool(void)
 static void test_arv_camera_test(void)
 {
     struct bench *b = bench_new(43);
-    const char *stream[] = {"arv-camera-test-0.8", "-n", b->address, "--duration", "1", "-f", "60",
-                            "-u", "ExposureTime", NULL};
+    const char *stream[] = {
+        "arv-camera-test-0.8", "-n", b->address, "--duration", "1", "-f", "60", "-u",
+        "ExposureTime",        NULL};
     int completed = 0, failures = -1;
     bench_plug_in(b);
     char *text = output_of(stream);

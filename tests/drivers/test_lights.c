@@ -456,7 +456,8 @@ static void test_interlock(gconstpointer driver)
     g_assert_cmpint(ls_lights_grant(lights, 10, &diag), ==, LS_ERR_REFUSED);
     g_assert_cmpint(ls_lights_arm(lights, &diag), ==, LS_ERR_REFUSED);
     g_assert_nonnull(strstr(diag.text, "interlock"));
-    g_assert_cmpint(ls_lights_load(lights, &program, NULL, &diag), ==, LS_ERR_REFUSED); /* still open */
+    g_assert_cmpint(ls_lights_load(lights, &program, NULL, &diag), ==,
+                    LS_ERR_REFUSED); /* still open */
     enum ls_err err;
     gint64 limit = g_get_monotonic_time() + 5 * G_USEC_PER_SEC;
     do

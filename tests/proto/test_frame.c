@@ -47,7 +47,8 @@ static unsigned feed_all(struct ls_frame_decoder *decoder, const uint8_t *bytes,
     while (n > 0) {
         size_t used;
         int complete;
-        g_assert_cmpint(ls_frame_decoder_feed(decoder, bytes, n, &used, &complete, NULL), ==, LS_OK);
+        g_assert_cmpint(ls_frame_decoder_feed(decoder, bytes, n, &used, &complete, NULL), ==,
+                        LS_OK);
         bytes += used;
         n -= used;
         if (!complete)
@@ -120,9 +121,9 @@ static const struct damage damages[] = {
     {"last letter of the magic", 3, 'g', LS_ERR_INVALID},
     {"version", 4, 2, LS_ERR_UNSUPPORTED},
     {"unknown flag", 11, 0x80, LS_ERR_INVALID},
-    {"message length", 18, 2, LS_ERR_LIMIT},          /* 131072 + 11 */
+    {"message length", 18, 2, LS_ERR_LIMIT}, /* 131072 + 11 */
     {"reserved", 20, 1, LS_ERR_INVALID},
-    {"payload length", 25, 0x10, LS_ERR_LIMIT},       /* 4096 + 70 */
+    {"payload length", 25, 0x10, LS_ERR_LIMIT}, /* 4096 + 70 */
     {"payload of 2^63 bytes", 31, 0x80, LS_ERR_LIMIT},
 };
 
@@ -210,7 +211,8 @@ int main(int argc, char **argv)
     g_test_init(&argc, &argv, NULL);
     g_test_add_func("/frame/a-header-survives-put-and-get", header_survives_put_and_get);
     g_test_add_func("/frame/any-split-gives-the-same-frames", any_split_gives_the_same_frames);
-    g_test_add_func("/frame/byte-by-byte-gives-the-same-frames", byte_by_byte_gives_the_same_frames);
+    g_test_add_func("/frame/byte-by-byte-gives-the-same-frames",
+                    byte_by_byte_gives_the_same_frames);
     g_test_add_func("/frame/an-empty-frame-is-complete-with-its-header",
                     empty_message_and_payload_complete_with_the_header);
     g_test_add_func("/frame/damaged-headers-are-refused-and-stay-refused",

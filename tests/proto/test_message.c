@@ -18,11 +18,13 @@ static void a_message_survives_coding(void)
     start.name = (char *)"vase";
     start.token = (char *)"abc";
     g_assert_cmpint(ls_message_frame(LS_MESSAGE_TAKE_START, 7, LS_FRAME_LAST, &start.base, 99,
-                                     &bytes, &n, NULL), ==, LS_OK);
+                                     &bytes, &n, NULL),
+                    ==, LS_OK);
     g_assert_cmpint(ls_frame_get(bytes, 99, &header, NULL), ==, LS_OK);
     g_assert_cmpuint(header.message_bytes, ==, n - LS_FRAME_HEADER_BYTES);
     g_assert_cmpint(ls_message_decode(header.type, bytes + LS_FRAME_HEADER_BYTES,
-                                      header.message_bytes, &back, NULL), ==, LS_OK);
+                                      header.message_bytes, &back, NULL),
+                    ==, LS_OK);
     g_assert_cmpstr(((Lightstage__TakeStart *)back)->name, ==, "vase");
     g_assert_cmpstr(((Lightstage__TakeStart *)back)->token, ==, "abc");
     ls_message_free(back);
@@ -31,8 +33,8 @@ static void a_message_survives_coding(void)
 
 static void unknown_fields_are_ignored(void)
 {
-    static const uint8_t bytes[] = {0x0a, 1, 'a', 0xf8, 0x07, 42, /* field 127, varint */
-                                    0xfa, 0x07, 3, 1, 2, 3};      /* field 127, bytes */
+    static const uint8_t bytes[] = {0x0a, 1,    'a', 0xf8, 0x07, 42, /* field 127, varint */
+                                    0xfa, 0x07, 3,   1,    2,    3}; /* field 127, bytes */
     ProtobufCMessage *back = NULL;
     g_assert_cmpint(ls_message_decode(LS_MESSAGE_TAKE_START, bytes, sizeof bytes, &back, NULL), ==,
                     LS_OK);
@@ -68,17 +70,18 @@ static void malformed_bytes_are_refused(void)
         uint8_t bytes[6];
         size_t n;
     } cases[] = {
-        {{0x0a, 5, 'a'}, 3},                          /* string longer than what follows */
-        {{0x0a}, 1},                                  /* a tag and nothing */
-        {{0x0b}, 1},                                  /* a group */
-        {{0x08, 0xff, 0xff, 0xff, 0xff, 0xff}, 6},    /* an endless varint, cut */
-        {{0x07, 0}, 2},                               /* wire type 7 */
-        {{0x0a, 0xff, 0xff, 0xff, 0xff, 0x0f}, 6},    /* a string of 4 GiB */
+        {{0x0a, 5, 'a'}, 3},                       /* string longer than what follows */
+        {{0x0a}, 1},                               /* a tag and nothing */
+        {{0x0b}, 1},                               /* a group */
+        {{0x08, 0xff, 0xff, 0xff, 0xff, 0xff}, 6}, /* an endless varint, cut */
+        {{0x07, 0}, 2},                            /* wire type 7 */
+        {{0x0a, 0xff, 0xff, 0xff, 0xff, 0x0f}, 6}, /* a string of 4 GiB */
     };
     for (size_t i = 0; i < G_N_ELEMENTS(cases); i++) {
         ProtobufCMessage *back = NULL;
-        g_assert_cmpint(ls_message_decode(LS_MESSAGE_TAKE_START, cases[i].bytes, cases[i].n, &back,
-                                          NULL), ==, LS_ERR_INVALID);
+        g_assert_cmpint(
+            ls_message_decode(LS_MESSAGE_TAKE_START, cases[i].bytes, cases[i].n, &back, NULL), ==,
+            LS_ERR_INVALID);
         g_assert_null(back);
     }
 }
@@ -95,8 +98,9 @@ static void hostile_messages_stay_within_the_budget(void)
         bytes[i + 1] = 0;
     }
     size_t before = mallinfo2().uordblks;
-    g_assert_cmpint(ls_message_decode(LS_MESSAGE_TAKE_LIST | LS_MESSAGE_REPLY, bytes, n, &back,
-                                      &diag), ==, LS_ERR_LIMIT);
+    g_assert_cmpint(
+        ls_message_decode(LS_MESSAGE_TAKE_LIST | LS_MESSAGE_REPLY, bytes, n, &back, &diag), ==,
+        LS_ERR_LIMIT);
     /* the allocator's own caches count as in use, so not exactly */
     g_assert_cmpuint(mallinfo2().uordblks, <=, before + 32 * 1024);
     g_assert_nonnull(strstr(diag.text, "memory"));
@@ -118,8 +122,8 @@ static void a_message_over_64_kib_is_refused_both_ways(void)
     error.text = text;
     g_assert_cmpint(ls_message_decode(LS_MESSAGE_ERROR, (uint8_t *)text, n, &back, NULL), ==,
                     LS_ERR_LIMIT);
-    g_assert_cmpint(ls_message_frame(LS_MESSAGE_ERROR, 1, 0, &error.base, 0, &bytes, &out, NULL), ==,
-                    LS_ERR_LIMIT);
+    g_assert_cmpint(ls_message_frame(LS_MESSAGE_ERROR, 1, 0, &error.base, 0, &bytes, &out, NULL),
+                    ==, LS_ERR_LIMIT);
     g_assert_null(bytes);
     g_free(text);
 }

@@ -76,8 +76,8 @@ static void send_to(struct wire *w, int fd, const void *packet, size_t n)
 /** Send a command of big-endian words and return the status answered. */
 static unsigned ask(struct wire *w, int fd, uint16_t command, const uint32_t *words, size_t n)
 {
-    uint8_t packet[HEADER + 64] = {0x42, 1, (uint8_t)(command >> 8), (uint8_t)command, 0,
-                                   (uint8_t)(n * 4)};
+    uint8_t packet[HEADER + 64] = {
+        0x42, 1, (uint8_t)(command >> 8), (uint8_t)command, 0, (uint8_t)(n * 4)};
     uint16_t id = ++w->id;
     ssize_t got;
     packet[6] = (uint8_t)(id >> 8);
@@ -155,10 +155,8 @@ static void test_control(void)
     g_assert_cmphex(write_register(&w, w.host, SIM_REG_WIDTH, 32), ==, SIM_GVCP_ACCESS_DENIED);
     g_assert_cmphex(write_register(&w, w.host, SIM_REG_CONTROL, 2), ==, SIM_GVCP_OK);
     g_assert_cmphex(write_register(&w, w.host, SIM_REG_WIDTH, 32), ==, SIM_GVCP_OK);
-    g_assert_cmphex(write_register(&w, w.onlooker, SIM_REG_CONTROL, 2), ==,
-                    SIM_GVCP_ACCESS_DENIED);
-    g_assert_cmphex(write_register(&w, w.onlooker, SIM_REG_WIDTH, 16), ==,
-                    SIM_GVCP_ACCESS_DENIED);
+    g_assert_cmphex(write_register(&w, w.onlooker, SIM_REG_CONTROL, 2), ==, SIM_GVCP_ACCESS_DENIED);
+    g_assert_cmphex(write_register(&w, w.onlooker, SIM_REG_WIDTH, 16), ==, SIM_GVCP_ACCESS_DENIED);
     g_assert_cmpuint(read_register(&w, w.onlooker, SIM_REG_WIDTH), ==, 32);
     g_assert_cmphex(write_register(&w, w.host, SIM_REG_CONTROL, 0), ==, SIM_GVCP_OK);
     g_assert_cmphex(write_register(&w, w.onlooker, SIM_REG_CONTROL, 2), ==, SIM_GVCP_OK);

@@ -21,8 +21,9 @@ static void test_reference(void)
     g_assert_cmpint(sim_geometry_sphere(346, 1.35, &g, NULL), ==, LS_OK);
     for (uint32_t i = 0; i < 346; i++) {
         const float *d = g.direction[i], *p = g.position_m[i];
-        g_assert_cmpfloat(fabs(sqrt((double)p[0] * p[0] + (double)p[1] * p[1] +
-                                    (double)p[2] * p[2]) - 1.35), <, 1e-6);
+        g_assert_cmpfloat(
+            fabs(sqrt((double)p[0] * p[0] + (double)p[1] * p[1] + (double)p[2] * p[2]) - 1.35), <,
+            1e-6);
         equator += fabsf(d[1]) < 1e-6f;
         front += d[2] > 0.999999f;
         g_assert_cmpfloat(d[1], >, -sin(71 * M_PI / 180));

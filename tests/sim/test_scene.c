@@ -36,7 +36,7 @@ static float *weights_for(const struct sim_scene *scene)
 static float *relight(const struct sim_scene *scene, const float *weights)
 {
     struct sim_region region = whole(scene);
-    float *out = g_new(float, region.width * region.height * 3);
+    float *out = g_new(float, region.width *region.height * 3);
     g_assert_cmpint(sim_truth_relight(scene, &region, weights, 1, out, NULL), ==, LS_OK);
     return out;
 }
@@ -79,7 +79,7 @@ static void test_lambert(void)
     struct sim_scene *scene = new_scene("grey", 48);
     struct sim_region region = whole(scene);
     uint32_t n = 48 * 48, lit = 0;
-    float *out = g_new(float, (size_t)scene->config.n_channels * n * 3);
+    float *out = g_new(float, (size_t)scene->config.n_channels *n * 3);
     for (uint32_t light = 5; light < 346; light += 37) {
         g_assert_cmpint(sim_truth_field(scene, &region, light, out, NULL), ==, LS_OK);
         const float *l = scene->geometry.position_m[light];
@@ -89,8 +89,8 @@ static void test_lambert(void)
                 continue;
             double to[3] = {l[0] - pixel->x.x, l[1] - pixel->x.y, l[2] - pixel->x.z};
             double d2 = to[0] * to[0] + to[1] * to[1] + to[2] * to[2];
-            double incidence = to[0] * pixel->normal.x + to[1] * pixel->normal.y +
-                               to[2] * pixel->normal.z;
+            double incidence =
+                to[0] * pixel->normal.x + to[1] * pixel->normal.y + to[2] * pixel->normal.z;
             double emission = to[0] * l[0] + to[1] * l[1] + to[2] * l[2]; /* x r */
             double r = sqrt((double)l[0] * l[0] + l[1] * l[1] + l[2] * l[2]);
             double expected = 0.33 / M_PI * r * fmax(0, incidence) * emission / (d2 * d2);
@@ -116,7 +116,7 @@ static void test_highlight(void)
     struct sim_scene *scene = new_scene("chrome", 256);
     struct sim_region region = whole(scene);
     uint32_t n = 256 * 256, tried = 0;
-    float *out = g_new(float, (size_t)scene->config.n_channels * n * 3);
+    float *out = g_new(float, (size_t)scene->config.n_channels *n * 3);
     for (uint32_t light = 3; light < 346; light += 61) {
         if (scene->geometry.direction[light][2] < 0)
             continue; /* behind: at the ball's edge, where a pixel spans degrees */
@@ -168,8 +168,9 @@ static void test_shadow(void)
     float *out = g_new(float, (size_t)scene->config.n_channels * 3);
     g_assert_cmpint(sim_truth_field(scene, &region, light, out, NULL), ==, LS_OK);
     float shadow = out[1];
-    g_assert_cmpint(sim_truth_field(scene, &region, sim_geometry_nearest(&scene->geometry, front),
-                                    out, NULL), ==, LS_OK);
+    g_assert_cmpint(
+        sim_truth_field(scene, &region, sim_geometry_nearest(&scene->geometry, front), out, NULL),
+        ==, LS_OK);
     g_assert_cmpfloat(out[1], >, 0.01f);
     g_assert_cmpfloat(shadow, <, 0.1f * out[1]); /* bounced light alone */
     g_free(out);
@@ -214,7 +215,7 @@ static void test_polarisers(void)
     struct sim_scene *scene = new_scene("gloss", 128);
     struct sim_region region = whole(scene);
     uint32_t n = 128 * 128;
-    float *out = g_new(float, (size_t)scene->config.n_channels * n * 3);
+    float *out = g_new(float, (size_t)scene->config.n_channels *n * 3);
     float front[3] = {0, 0, 1};
     uint32_t near = sim_geometry_nearest(&scene->geometry, front), compared = 0;
     for (uint32_t light = 1; light < 346; light += 23) {
@@ -263,8 +264,8 @@ static void test_same_again(void)
     struct sim_led led = {120, 0, 1};
     struct sim_condition condition = {LS_WIRE_CONDITION_ONE, 1, &led};
     struct sim_exposure e = {.exposure_us = 4000, .lit_us = 4000, .sequence = 9};
-    struct sim_raw_format f = {.width = 32, .height = 32,
-                               .pixel_format = ls_pixel_by_name("BayerRG12")->code};
+    struct sim_raw_format f = {
+        .width = 32, .height = 32, .pixel_format = ls_pixel_by_name("BayerRG12")->code};
     uint8_t first[2048], second[2048], other[2048];
     g_assert_cmpint(sim_scene_commit(a, &condition, 1, NULL, NULL, NULL), ==, LS_OK);
     g_assert_cmpint(sim_scene_commit(b, &condition, 1, NULL, NULL, NULL), ==, LS_OK);
@@ -309,7 +310,8 @@ static void test_commit(void)
     g_assert_cmpint(sim_scene_commit(scene, program + 1, 1, NULL, NULL, NULL), ==, LS_OK);
     g_assert_null(scene->program[0]->half[0]);
     struct sim_exposure e = {.exposure_us = 4000, .lit_us = 4000};
-    struct sim_raw_format f = {.width = 48, .height = 48,
+    struct sim_raw_format f = {.width = 48,
+                               .height = 48,
                                .pixel_format = ls_pixel_by_name("BayerRG16")
                                                    ? ls_pixel_by_name("BayerRG16")->code
                                                    : ls_pixel_by_name("BayerRG12")->code};

@@ -24,8 +24,8 @@ static void statistics(const struct sim_sensor *s, double e, double t, double *m
     float *signal = g_new(float, SIDE);
     uint16_t *dn = g_new(uint16_t, SIDE);
     double sum = 0, square = 0;
-    struct sim_readout r = {.key = sim_sensor_key(1, 0, 5), .exposure_s = t, .gain = 1,
-                            .max_dn = 4095};
+    struct sim_readout r = {
+        .key = sim_sensor_key(1, 0, 5), .exposure_s = t, .gain = 1, .max_dn = 4095};
     for (int x = 0; x < SIDE; x++)
         signal[x] = (float)e;
     for (uint32_t y = 0; y < SIDE; y++) {
@@ -50,7 +50,8 @@ static void test_noise(void)
     for (size_t i = 0; i < G_N_ELEMENTS(signals); i++) {
         double mean, variance, t = 0.5, to_dn = 4095 / config.full_well_e;
         double e = signals[i] + config.dark_current_e_s * t;
-        double expected = (e + config.read_noise_e * config.read_noise_e) * to_dn * to_dn + 1 / 12.0;
+        double expected =
+            (e + config.read_noise_e * config.read_noise_e) * to_dn * to_dn + 1 / 12.0;
         statistics(&s, signals[i], t, &mean, &variance);
         /* four standard errors of a mean and of a variance of 16384 */
         g_assert_cmpfloat(fabs(mean - 64 - e * to_dn), <, 4 * sqrt(expected / PIXELS));
@@ -144,8 +145,8 @@ static void stamp_in(struct sim_scene *scene, const struct ls_pixel_format *pixe
                      uint32_t height)
 {
     struct sim_raw_format f = {.width = width, .height = height, .pixel_format = pixel->code};
-    struct sim_exposure e = {.condition = 1, .step = 70000, .exposure_us = 513.7, .lit_us = 500,
-                             .sequence = 123456};
+    struct sim_exposure e = {
+        .condition = 1, .step = 70000, .exposure_us = 513.7, .lit_us = 500, .sequence = 123456};
     size_t bytes = sim_raw_bytes(&f);
     uint8_t *raw = g_malloc(bytes);
     uint16_t *dn = g_new(uint16_t, width * height);
@@ -173,8 +174,11 @@ static void test_stamps(void)
     static const struct {
         enum ls_cfa cfa;
         const char *name;
-    } filters[] = {{LS_CFA_NONE, "mono"}, {LS_CFA_RGGB, "RG"}, {LS_CFA_GRBG, "GR"},
-                   {LS_CFA_GBRG, "GB"},   {LS_CFA_BGGR, "BG"}};
+    } filters[] = {{LS_CFA_NONE, "mono"},
+                   {LS_CFA_RGGB, "RG"},
+                   {LS_CFA_GRBG, "GR"},
+                   {LS_CFA_GBRG, "GB"},
+                   {LS_CFA_BGGR, "BG"}};
     const struct ls_pixel_format *pixel;
     struct sim_led led = {11, 5, 1};
     struct sim_condition program[] = {{LS_WIRE_CONDITION_DARK, 0, NULL},
@@ -209,7 +213,9 @@ static void test_refusals(void)
     struct sim_exposure e = {.condition = UINT32_MAX};
     struct ls_diag diag = {{0}};
     uint8_t raw[64 * 64 * 2];
-    struct sim_raw_format wrong_order = {.width = 32, .height = 32, .offset_x = 1,
+    struct sim_raw_format wrong_order = {.width = 32,
+                                         .height = 32,
+                                         .offset_x = 1,
                                          .pixel_format = ls_pixel_by_name("BayerRG8")->code};
     g_assert_cmpint(sim_scene_expose(scene, &e, &wrong_order, raw, sizeof raw, &diag), ==,
                     LS_ERR_INVALID);
