@@ -1,6 +1,8 @@
 #!/usr/bin/python3 -B
 """What can go wrong on a rig, one fault a test: the take ends complete, says what it repaired, and
 no frame is taken for another."""
+import re
+
 import harness
 import takes
 
@@ -100,11 +102,11 @@ def test_an_open_interlock_leaves_the_lights_dark_and_a_resumable_take(folder):
     takes.is_good(rig, status["id"])
 
 
-def resumed(rig, take):
+def resumed(rig, take, cause="interlock"):
     code, status, err = takes.resume(rig, take)
     if code == 0:
         return True
-    assert "interlock" in (status["message"] if status else err), (status, err)
+    assert re.search(cause, status["message"] if status else err), (status, err)
     return False
 
 
@@ -122,6 +124,34 @@ def test_a_controller_that_dies_ends_the_take_with_a_sentence_and_a_resumable_ta
     code, status, err = takes.resume(rig, status["id"])
     assert code == 0, (status, err)
     takes.is_good(rig, status["id"])
+
+
+def test_an_emergency_stop_leaves_the_lights_dark_and_a_resumable_take(folder):
+    rig = harness.twelve(folder, '{ kind = "estop"; at = 40; value = 500; }').start()
+    code, status, err = takes.photograph(rig, harness.PLAN)
+    assert code == 1 and status["state"] == "failed", (code, status, err)
+    takes.says(status["message"], "emergency stop", "resume the take")
+    harness.wait_for("the button is released", lambda: resumed(rig, status["id"], "e.?stop|emergency"))
+    takes.is_good(rig, status["id"], pixels=False)
+
+
+def test_a_program_damaged_on_its_way_is_not_run(folder):
+    rig = harness.twelve(folder, '{ kind = "corrupt"; at = 0; }').start()
+    code, status, err = takes.photograph(rig, harness.PLAN)
+    assert code == 1 and status["state"] == "failed", (code, status, err)
+    takes.says(status["message"], "damaged on the way", "again")
+    assert takes.exposures(rig) == 0
+    code, status, err = takes.resume(rig, status["id"])
+    assert code == 0, (status, err)
+    takes.is_good(rig, status["id"], pixels=False)
+
+
+def test_a_controller_that_cannot_get_ready_says_so(folder):
+    rig = harness.twelve(folder, '{ kind = "refuse"; }').start()
+    code, status, err = takes.photograph(rig, harness.PLAN)
+    assert code == 1 and status["state"] == "failed", (code, status, err)
+    takes.says(status["message"], "preparing the program", "ready")
+    assert takes.exposures(rig) == 0
 
 
 def test_a_camera_that_falls_silent_ends_the_take_with_its_shots_named(folder):
