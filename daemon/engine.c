@@ -265,6 +265,7 @@ void ls_engine_destroy(struct ls_engine *e)
     if (e->take) {
         ls_take_abort(e->take);
         reap(e);
+        notify(e);
     }
     while (g_main_context_find_source_by_user_data(e->main, e))
         g_source_destroy(g_main_context_find_source_by_user_data(e->main, e));

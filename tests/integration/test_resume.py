@@ -2,6 +2,7 @@
 """The daemon killed, ended and started again in the middle of a take: what is published stays, what
 is missing is shot, and nothing else."""
 import collections
+import json
 import os
 import random
 import time
@@ -106,7 +107,7 @@ def test_a_daemon_killed_at_random_moments_loses_nothing_that_was_published(fold
 
 def test_sigterm_leaves_the_lights_dark_and_the_take_resumable(folder):
     rig = harness.twelve(folder, scene="stamp").start()
-    take = takes.begin(rig, takes.LONG)
+    client = takes.begin(rig, takes.LONG, wait=True)
     takes.fire(rig, takes.FIRST_LIGHT + 40)
     began = now_s()
     rig.daemon.child.terminate()
@@ -116,6 +117,12 @@ def test_sigterm_leaves_the_lights_dark_and_the_take_resumable(folder):
     ended_s = now_s()
     print(f"# ended {ended_s - began:.2f} s after SIGTERM")
     rig.daemon = None
+    out, err = client.communicate(timeout=10)
+    assert client.returncode == 1, (client.returncode, out, err)
+    status = json.loads(out)
+    assert status["state"] == "aborted", status
+    takes.says(status["message"], "LEDs are dark")
+    take = status["id"]
     assert max(e["true_ns"] for e in harness.shown(rig)) * 1e-9 <= ended_s
     fired = takes.exposures(rig)
     rig.start_daemon()
