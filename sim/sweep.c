@@ -166,7 +166,7 @@ static void shine(const struct sim_sweep_region *r, const struct tile *tile, uin
     if (reached)
         sim_tile_add(&r->terms, response->kind[channel], response->diffuse[channel], tile->a[k],
                      tile->b[k], 1, value);
-    if (s->scene->subject.n_nodes)
+    if (s->scene->subject.n_nodes && tile->seen.n_seen)
         sim_tile_bounce(&tile->seen, nodes_of(s, light, k), colours(s), colour, value);
 }
 
