@@ -2,6 +2,8 @@
 
 #include <string.h>
 
+enum { NOT_REACHED = SIM_MAX_BODIES + 1 };
+
 static const float coat_index = 1.5f;
 static const float lift_m = 1e-4f; /* shadow rays start this far off the surface */
 
@@ -110,14 +112,16 @@ static float segment_distance2(struct sim_vec p, struct sim_vec a, struct sim_ve
     return sim_dot(d, d);
 }
 
+enum shadow { SHADOW_NONE, SHADOW_SOME, SHADOW_ALL };
+
 /*
- * Could a rectangle stand between the light and some point of the tile? With the tile in a sphere
+ * Does a rectangle stand between the light and the points of the tile? With the tile in a sphere
  * of radius r around c, its plane at a distance of h from c and, on the other side, g from the
  * light L, the ray from c crosses the plane at c + t (L - c), t = h / (h + g); the ray from c + e,
  * |e| <= r, no farther from there than r + |t' - t| |L - c|, t' the same for h - r or h + r.
  */
-static int quad_between(const struct sim_body *quad, const struct sim_tile *tile,
-                        struct sim_vec light)
+static enum shadow quad_shadow(const struct sim_body *quad, const struct sim_tile *tile,
+                               struct sim_vec light)
 {
     struct sim_vec way = sim_sub(light, tile->centre);
     float g = sim_dot(quad->normal, sim_sub(light, quad->origin));
@@ -126,18 +130,22 @@ static int quad_between(const struct sim_body *quad, const struct sim_tile *tile
     h *= side;
     g *= -side;
     if (h < -r)
-        return 0;
+        return SHADOW_NONE;
     if (h <= r || g <= 0)
-        return 1;
+        return SHADOW_SOME;
     float t = h / (h + g), spread = (h + r) / (h + r + g) - t, other = t - (h - r) / (h - r + g);
     float reach = r + sim_max(spread, other) * sim_length(way);
     struct sim_vec p = sim_sub(sim_along(tile->centre, way, t), quad->origin);
     float u = sim_dot(p, quad->u), v = sim_dot(p, quad->v);
     float margin_u = reach * sqrtf(quad->u2), margin_v = reach * sqrtf(quad->v2);
-    return u >= -margin_u && u <= quad->u2 + margin_u && v >= -margin_v && v <= quad->v2 + margin_v;
+    if (u < -margin_u || u > quad->u2 + margin_u || v < -margin_v || v > quad->v2 + margin_v)
+        return SHADOW_NONE;
+    int within = u > margin_u && u < quad->u2 - margin_u && v > margin_v && v < quad->v2 - margin_v;
+    return within ? SHADOW_ALL : SHADOW_SOME;
 }
 
-/* Bodies that could stand between some point of the tile and the light. */
+/* Bodies that could stand between some point of the tile and the light; NOT_REACHED if one stands
+ * between all of them and it. */
 static uint32_t candidates(const struct sim_subject *subject, const struct sim_tile *tile,
                            struct sim_vec light, uint16_t *list)
 {
@@ -147,7 +155,10 @@ static uint32_t candidates(const struct sim_subject *subject, const struct sim_t
         float reach = body->bound + tile->radius;
         if (segment_distance2(body->centre, tile->centre, light) > reach * reach)
             continue;
-        if (body->shape == SIM_QUAD && !quad_between(body, tile, light))
+        enum shadow shadow = body->shape == SIM_QUAD ? quad_shadow(body, tile, light) : SHADOW_SOME;
+        if (shadow == SHADOW_ALL)
+            return NOT_REACHED;
+        if (shadow == SHADOW_NONE)
             continue;
         list[n++] = (uint16_t)i;
     }
@@ -253,10 +264,12 @@ int sim_tile_shade(const struct sim_subject *subject, const struct sim_geometry 
                         .axis = sim_vec_of(geometry->direction[light])};
     lamp.upright = sim_upright(lamp.axis, sim_vec(0, 1, 0));
     lamp.r2 = sim_dot(lamp.at, lamp.at);
+    uint32_t n = candidates(subject, tile, lamp.at, list);
     memset(terms->diffuse, 0, sizeof terms->diffuse);
     memset(terms->specular, 0, sizeof terms->specular);
     memset(terms->flat, 0, sizeof terms->flat);
-    uint32_t n = candidates(subject, tile, lamp.at, list);
+    if (n == NOT_REACHED)
+        return 0;
     int reached = 0;
     for (uint32_t k = 0; k < tile->n; k++)
         reached |= shade_pixel(subject, &lamp, list, n, tile, k, terms);
