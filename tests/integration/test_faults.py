@@ -131,7 +131,7 @@ def test_an_emergency_stop_leaves_the_lights_dark_and_a_resumable_take(folder):
     code, status, err = takes.photograph(rig, harness.PLAN)
     assert code == 1 and status["state"] == "failed", (code, status, err)
     takes.says(status["message"], "emergency stop", "resume the take")
-    harness.wait_for("the button is released", lambda: resumed(rig, status["id"], "e.?stop|emergency"))
+    harness.wait_for("the button is released", lambda: resumed(rig, status["id"], "E-stop|emergency"))
     takes.is_good(rig, status["id"], pixels=False)
 
 
