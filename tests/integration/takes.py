@@ -15,7 +15,7 @@ GRID, RECORD_BYTES = 16, 28  # of a stamp: sim/stamp.h
 # exposures each: a pulse's number since the start of the simulator is
 WARM_UP, DARKS, LIGHTS = 5, 24, 54
 FIRST_DARK, FIRST_LIGHT, LAST = WARM_UP + 1, WARM_UP + DARKS + 1, WARM_UP + DARKS + LIGHTS
-# The same on a single exposure, many lights: enough time to interfere.
+# More lights, no spheres: time enough to interfere.
 LONG = """subject = "still";
 exposures_us = [500, 2500, 12500];
 darks = 8;

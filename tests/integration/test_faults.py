@@ -28,7 +28,7 @@ def test_a_dropped_pulse_is_noticed_and_shot_again(folder):
     rig, status, _, _ = repaired(folder, f'{{ kind = "drop_pulse"; at = {takes.FIRST_LIGHT + 20}; }}',
                                  words=("no frame",))
     assert len(harness.shown(rig, "dropped_pulse")) == 1
-    # step 20 of the lights is the last exposure of the first single light: sphere R A G C B after W
+    # step 20 of the lights is the last exposure of the first single light, after six spheres
     takes.says(status["message"], "W-0000 ")
 
 
