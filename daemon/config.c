@@ -10,7 +10,7 @@
 #include <string.h>
 #include <unistd.h>
 
-enum { POSITIONS_MAX_BYTES = 4 << 20 };
+enum { POSITIONS_MAX_BYTES = 4 << 20, SPECTRA_MAX_BYTES = 4 << 20 };
 
 static const char *const channel_kinds[] = {"spectrum", "polariser", NULL};
 /* What a Timed camera starts with; a take writes every step's own. */
@@ -33,6 +33,32 @@ static char *beside(const char *file, char *path)
     return joined;
 }
 
+/* The column named like the channel, or the only one. */
+static void read_spectrum(struct ls_conf *c, const char *path, struct ls_config_channel *out)
+{
+    LS_CLEANUP_FREE char *text = NULL;
+    struct ls_spectra *spectra = NULL;
+    size_t length = 0;
+    struct ls_diag why = {0};
+    c->err = ls_file_read(path, SPECTRA_MAX_BYTES, &text, &length, c->diag);
+    if (c->err)
+        return;
+    if (ls_spectra_parse_csv(text, length, &spectra, &why)) {
+        ls_conf_error(c, "spectrum", "%s: %.300s", path, why.text);
+        return;
+    }
+    const struct ls_spectrum *found = ls_spectra_find(spectra, out->name);
+    if (!found && spectra->n == 1)
+        found = &spectra->item[0].spectrum;
+    if (!found)
+        ls_conf_error(c, "spectrum", "%s: no column is named %s", path, out->name);
+    else if (!(out->spectrum = malloc(sizeof *out->spectrum)))
+        c->err = ls_fail(c->diag, LS_ERR_NOMEM, "out of memory");
+    else
+        *out->spectrum = *found;
+    ls_spectra_destroy(spectra);
+}
+
 static void read_channel(struct ls_conf *list, const config_setting_t *group,
                          struct ls_config_channel *out)
 {
@@ -40,7 +66,9 @@ static void read_channel(struct ls_conf *list, const config_setting_t *group,
     ls_conf_begin(&c, group, list->file, list->diag);
     out->name = ls_conf_need_string(&c, "name");
     out->polariser = ls_conf_word(&c, "kind", channel_kinds, 0) == 1;
-    out->spectrum = beside(list->file, ls_conf_string(&c, "spectrum", NULL));
+    LS_CLEANUP_FREE char *path = beside(list->file, ls_conf_string(&c, "spectrum", NULL));
+    if (path && out->name)
+        read_spectrum(&c, path, out);
     if (out->name &&
         (!*out->name || strlen(out->name) > 8 ||
          strspn(out->name, "ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789") !=

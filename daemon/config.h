@@ -10,6 +10,7 @@
 #define LS_DAEMON_CONFIG_H
 
 #include "core/error.h"
+#include "core/spectrum.h"
 #include "drivers/camera.h"
 #include "drivers/lights.h"
 
@@ -25,7 +26,7 @@ enum {
 struct ls_config_channel {
     char *name;     /* "W" */
     bool polariser; /* kind = "polariser", else "spectrum" */
-    char *spectrum; /* CSV path, or NULL if unknown */
+    struct ls_spectrum *spectrum; /* NULL if unknown */
 };
 
 /** One camera of the rig: how to reach it, where it stands, what its numbers mean. */

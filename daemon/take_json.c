@@ -14,6 +14,15 @@ static json_t *numbers_f(const float *v, unsigned n)
     return out;
 }
 
+/* The rig file's row of a controller address; plans hold addresses. */
+static json_int_t row_of(const struct ls_config *config, uint16_t address)
+{
+    for (uint32_t i = 0; i < config->n_lights; i++)
+        if (config->lights[i].address == address)
+            return i;
+    return -1;
+}
+
 static json_t *condition_json(const struct ls_plan_condition *c, const struct ls_config *config)
 {
     static const char *const kinds[] = {"dark", "one", "sphere", "segment", "list"};
@@ -31,7 +40,7 @@ static json_t *condition_json(const struct ls_plan_condition *c, const struct ls
     if (c->lights.kind == LS_CONDITION_SEGMENT) {
         json_t *lights = json_array();
         for (uint32_t i = 0; i < c->lights.n_leds; i++)
-            json_array_append_new(lights, json_integer(c->lights.leds[i].light));
+            json_array_append_new(lights, json_integer(row_of(config, c->lights.leds[i].light)));
         json_object_set_new(o, "lights", lights);
     }
     return o;
@@ -64,6 +73,20 @@ static json_t *camera_json(const struct ls_config_camera *c, const struct ls_cam
                      c->exposure_offset_us, "unverified", info->unverified);
 }
 
+static json_t *channel_json(const struct ls_config_channel *c)
+{
+    json_t *o = json_pack("{ss ss}", "name", c->name, "kind", c->polariser ? "polariser" : "spectrum");
+    if (!c->spectrum)
+        return o;
+    json_t *values = json_array();
+    for (int i = 0; i < LS_SPECTRUM_N; i++)
+        json_array_append_new(values, json_real(c->spectrum->v[i]));
+    json_object_set_new(o, "spectrum",
+                        json_pack("{si si so}", "start_nm", LS_SPECTRUM_FIRST_NM, "step_nm",
+                                  LS_SPECTRUM_STEP_NM, "values", values));
+    return o;
+}
+
 static json_t *rig_json(const struct ls_take_document *d)
 {
     json_t *positions = json_array(), *addresses = json_array();
@@ -73,9 +96,7 @@ static json_t *rig_json(const struct ls_take_document *d)
         json_array_append_new(addresses, json_integer(d->config->lights[i].address));
     }
     for (uint32_t i = 0; i < d->config->n_channels; i++)
-        json_array_append_new(
-            channels, json_pack("{ss ss}", "name", d->config->channels[i].name, "kind",
-                                d->config->channels[i].polariser ? "polariser" : "spectrum"));
+        json_array_append_new(channels, channel_json(&d->config->channels[i]));
     for (uint32_t i = 0; i < d->config->n_cameras; i++)
         json_array_append_new(cameras, camera_json(&d->config->cameras[i], d->cameras[i]));
     return json_pack("{ss s{so so} so so s{ss si si si}}", "name", d->config->rig_name, "lights",

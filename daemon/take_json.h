@@ -5,8 +5,8 @@
  * Keys (the store adds its own: daemon/store.h):
  *   "software" "lightstaged 0.1.0", "conventions" 1,
  *   "plan" { "text" (as given), "subject", "period_us", "pulse_us" [], "conditions" [ { "id",
- *     "kind" dark|one|sphere|segment, "light" (rig row, one), "lights" [] (segment: controller
- *     addresses), "channel" "W", "level", "exposure" (dark), "repeats", "first_step", "steps" } ]
+ *     "kind" dark|one|sphere|segment, "light" (rig row, one), "lights" [] (segment: rig rows), "channel" "W", "level",
+ *     "exposure" (dark), "repeats", "first_step", "steps" } ]
  * }, "rig" { "name", "lights" { "position_m" [[x,y,z]], "address" [] }, "channels" [ { "name",
  * "kind" } ], "cameras" [ { "name", "vendor", "model", "serial", "width", "height", "pixel_format",
  *       "position_m", "look_at_m", "focal_length_mm", "sensor_mm", "range", "black_dn",
