@@ -32,7 +32,7 @@ struct ls_accumulator {
     uint16_t *half;
     struct ls_merge_params params;
     struct ls_merge_spans spans;
-    uint32_t n_bands, bands_taken, bands_done;
+    uint32_t n_bands, bands_taken, bands_done; /* 0 bands: merging has not begun */
 };
 
 struct ls_accumulators {

@@ -121,6 +121,13 @@ static void describe_camera(struct ls_capture *c, uint32_t i)
     c->stepwise |= !by_time || (timed && c->setup.plan->n_exposures > 1);
 }
 
+/* From the end of a step to the event of the next: the controller reports a pulse at its end. */
+static uint64_t longest_step_us(const struct ls_plan *plan)
+{
+    uint64_t pulse = (uint64_t)plan->pulse_us[plan->n_exposures - 1] + plan->settle_us;
+    return pulse + plan->period_us;
+}
+
 static void describe(struct ls_capture *c)
 {
     const struct ls_plan *plan = c->setup.plan;
@@ -137,7 +144,7 @@ static void describe(struct ls_capture *c)
     c->warm_up.abort = c->sequencer.abort = &c->abort;
     c->sequencer.stepwise = c->stepwise;
     c->sequencer.live = plan->subject == LS_SUBJECT_LIVE;
-    c->sequencer.stall_us = STALL_US;
+    c->sequencer.stall_us = STALL_US + longest_step_us(plan);
 }
 
 static enum ls_err make_rings(struct ls_capture *c, struct ls_diag *diag)

@@ -227,7 +227,6 @@ static enum ls_err start_merge(struct ls_merge_stage *stage, struct ls_accumulat
         return err;
     pthread_mutex_lock(&stage->lock);
     a->n_bands = band_count(stage, a->params.height);
-    a->state = LS_ACCUMULATOR_MERGING;
     pthread_mutex_unlock(&stage->lock);
     for (uint32_t i = 0; i < stage->n_threads; i++)
         sem_post(&stage->work);
@@ -251,6 +250,8 @@ static enum ls_err copy_in(struct ls_merge_stage *stage, const struct ls_merge_j
     count_in(stage, job);
     a->copying--;
     bool last = ++a->filled == c->n_steps;
+    if (last) /* now: a full one that still counts as filling could be given to another condition */
+        a->state = LS_ACCUMULATOR_MERGING;
     pthread_mutex_unlock(&stage->lock);
     return last ? start_merge(stage, a, diag) : LS_OK;
 }

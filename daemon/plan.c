@@ -151,8 +151,11 @@ static void read_condition(struct ls_conf *list, const config_setting_t *group, 
     enum kind kind = (enum kind)ls_conf_word(&c, "kind", kind_words, -1);
     uint16_t channels[LS_MAX_CHANNELS];
     uint32_t n_channels = read_channels(&c, b->config, channels);
-    uint16_t level = (uint16_t)ls_conf_int(
-        &c, "level", kind == KIND_SPHERE ? SPHERE_LEVEL : FULL_LEVEL, 1, FULL_LEVEL);
+    int64_t usual = kind == KIND_SPHERE ? SPHERE_LEVEL : FULL_LEVEL;
+    uint16_t level = (uint16_t)ls_conf_int(&c, "level", usual, 1, FULL_LEVEL);
+    if (kind == KIND_EACH && level != FULL_LEVEL)
+        ls_conf_error(&c, "level", "%u: single lights are photographed at %d: R = k E holds for "
+                                   "what k was measured at", level, FULL_LEVEL);
     uint32_t n_lights = 0;
     if (kind != KIND_SPHERE)
         n_lights = read_lights(&c, b->config, lights, kind == KIND_SEGMENT);

@@ -120,6 +120,11 @@ static enum ls_err check_flashing(const struct ls_preflight_input *in, struct ls
     return LS_OK;
 }
 
+static bool is_done(const struct ls_preflight_input *in, uint32_t condition)
+{
+    return in->condition_done && in->condition_done[condition];
+}
+
 uint64_t ls_preflight_bytes(const struct ls_preflight_input *in)
 {
     const struct ls_plan *p = in->plan;
@@ -127,13 +132,16 @@ uint64_t ls_preflight_bytes(const struct ls_preflight_input *in)
     for (uint32_t k = 0; k < in->config->n_cameras; k++) {
         const struct ls_camera_info *c = in->cameras[k];
         uint64_t tiles = (uint64_t)((c->width + 63) / 64) * ((c->height + 63) / 64);
-        for (uint32_t i = 0; i < p->n_conditions; i++)
-            bytes += ls_exr_mosaic_bytes_max(c->width, c->height,
-                                             p->conditions[i].dark ? LS_EXR_FLOAT : LS_EXR_HALF) +
-                     PUBLISHED_BYTES + tiles * PUBLISHED_BYTES_PER_TILE;
-        bytes += (uint64_t)p->n_steps * TICKET_BYTES * (1 + in->config->retries);
+        uint64_t shot = (uint64_t)TICKET_BYTES * (1 + in->config->retries);
         if (p->keep_raw)
-            bytes += (uint64_t)p->n_steps * ((c->payload_bytes + 4095) & ~(size_t)4095);
+            shot += (c->payload_bytes + 4095) & ~(size_t)4095;
+        for (uint32_t i = 0; i < p->n_conditions; i++)
+            if (!is_done(in, i))
+                bytes += ls_exr_mosaic_bytes_max(c->width, c->height,
+                                                 p->conditions[i].dark ? LS_EXR_FLOAT
+                                                                       : LS_EXR_HALF) +
+                         PUBLISHED_BYTES + tiles * PUBLISHED_BYTES_PER_TILE +
+                         shot * p->conditions[i].n_steps;
     }
     return bytes;
 }

@@ -18,6 +18,7 @@ struct ls_preflight_input {
     const struct ls_camera_info *const *cameras; /* config->n_cameras, applied */
     const struct ls_calibration *calibration;    /* NULL = none */
     uint64_t disk_free_bytes;
+    const uint8_t *condition_done; /* per condition: published already (resume); NULL = none */
 };
 
 /**

@@ -290,14 +290,15 @@ static void handle_take_resume(const struct call *call)
     struct ls_take_status before = service->take;
     expect_take(service, resume->token);
     enum ls_err err = ls_engine_resume(service->engine, resume->take, resume->token, &diag);
-    if (err && service->take.state == LS_TAKE_PREPARING && !service->take.id[0])
+    bool launched = service->take.id[0] != 0; /* the engine has told where it stands */
+    if (!launched)
         service->take = before;
     if (err == LS_ERR_MISMATCH)
         ls_session_error(call->session, call->id, LS_PROTO_RIG_CHANGED, diag.text);
     else if (err)
         fail(call, err, about_plan(err), &diag);
     else
-        answer_started(call, resume->token, false);
+        answer_started(call, resume->token, !launched);
 }
 
 static void handle_take_abort(const struct call *call)

@@ -46,41 +46,10 @@ static enum ls_err preflight(struct ls_take *take, struct ls_preflight *out, uin
         .cameras = take->rig.camera_infos,
         .calibration = take->context->calibration,
         .disk_free_bytes = (uint64_t)fs.f_bavail * fs.f_frsize,
+        .condition_done = take->done,
     };
     *need_bytes = ls_preflight_bytes(&in);
     return ls_preflight_check(&in, out, diag);
-}
-
-static enum ls_err prepare(const struct ls_take_context *context, const char *plan_text,
-                           struct ls_take **out, struct ls_preflight *report, uint64_t *need_bytes,
-                           struct ls_diag *diag)
-{
-    struct ls_take *take = calloc(1, sizeof *take);
-    if (!take)
-        return ls_fail(diag, LS_ERR_NOMEM, "out of memory");
-    take->context = context;
-    enum ls_err err = ls_plan_parse(plan_text, context->config, &take->plan, diag);
-    if (!err)
-        err = ls_rig_open(context->config, &take->rig, diag);
-    if (!err)
-        err = preflight(take, report, need_bytes, diag);
-    if (err) {
-        ls_take_destroy(take);
-        return err;
-    }
-    *out = take;
-    return LS_OK;
-}
-
-enum ls_err ls_take_preflight(const struct ls_take_context *context, const char *plan_text,
-                              struct ls_preflight *out, struct ls_diag *diag)
-{
-    struct ls_take *take;
-    uint64_t need_bytes;
-    enum ls_err err = prepare(context, plan_text, &take, out, &need_bytes, diag);
-    if (!err)
-        ls_take_destroy(take);
-    return err;
 }
 
 static struct ls_take_document document(const struct ls_take *take, const char *plan_text)
@@ -94,72 +63,6 @@ static struct ls_take_document document(const struct ls_take *take, const char *
         .reference_exposure_s = reference_exposure_s(take),
         .calibration_json = take->context->calibration_json,
     };
-}
-
-static enum ls_err create_store(struct ls_take *take, const char *name, const char *take_json,
-                                uint64_t need_bytes, struct ls_diag *diag)
-{
-    const struct ls_config *config = take->context->config;
-    const char **ids = calloc(take->plan->n_conditions, sizeof *ids);
-    if (!ids)
-        return ls_fail(diag, LS_ERR_NOMEM, "out of memory");
-    for (uint32_t i = 0; i < take->plan->n_conditions; i++)
-        ids[i] = take->plan->conditions[i].id;
-    const struct ls_store_config store = {
-        .root = config->storage,
-        .name = name,
-        .take_json = take_json,
-        .utc_s = time(NULL),
-        .n_cameras = config->n_cameras,
-        .n_shots = take->plan->n_steps * config->n_cameras,
-        .conditions = ids,
-        .n_conditions = take->plan->n_conditions,
-        .keep_raw = take->plan->keep_raw,
-        .need_bytes = need_bytes,
-        .spare_bytes = config->reserve_bytes,
-    };
-    enum ls_err err = ls_store_create(&store, &take->store, diag);
-    free(ids);
-    return err;
-}
-
-static enum ls_err create_capture(struct ls_take *take, struct ls_diag *diag)
-{
-    const struct ls_capture_setup setup = {
-        .config = take->context->config,
-        .plan = take->plan,
-        .lights = take->rig.lights,
-        .cameras = take->rig.cameras,
-        .store = take->store,
-        .reference_exposure_s = reference_exposure_s(take),
-        .condition_done = take->done,
-        .darks = (const float *const *)take->darks,
-    };
-    return ls_capture_create(&setup, &take->capture, diag);
-}
-
-enum ls_err ls_take_create(const struct ls_take_context *context, const char *name,
-                           const char *plan_text, struct ls_take **out, struct ls_diag *diag)
-{
-    struct ls_take *take;
-    struct ls_preflight report;
-    uint64_t need_bytes;
-    enum ls_err err = prepare(context, plan_text, &take, &report, &need_bytes, diag);
-    if (err)
-        return err;
-    const struct ls_take_document doc = document(take, plan_text);
-    LS_CLEANUP_FREE char *take_json = NULL;
-    err = ls_take_json_make(&doc, &take_json, diag);
-    if (!err)
-        err = create_store(take, name, take_json, need_bytes, diag);
-    if (!err)
-        err = create_capture(take, diag);
-    if (err) {
-        ls_take_destroy(take);
-        return err;
-    }
-    *out = take;
-    return LS_OK;
 }
 
 static enum ls_err load_dark(struct ls_take *take, const struct ls_takedir *dir,
@@ -212,6 +115,115 @@ static enum ls_err find_done(struct ls_take *take, const struct ls_takedir *dir,
     return LS_OK;
 }
 
+static enum ls_err continue_from(struct ls_take *take, const struct ls_takedir *dir,
+                                 const char *plan_text, struct ls_diag *diag)
+{
+    const struct ls_take_document doc = document(take, plan_text);
+    enum ls_err err = ls_take_json_same_rig(dir->take_json, &doc, diag);
+    return err ? err : find_done(take, dir, diag);
+}
+
+/* Plan, devices, and for a take on disk (@dir, else NULL) what of it is done; then preflight. */
+static enum ls_err prepare(const struct ls_take_context *context, const char *plan_text,
+                           const struct ls_takedir *dir, struct ls_take **out,
+                           struct ls_preflight *report, uint64_t *need_bytes, struct ls_diag *diag)
+{
+    struct ls_take *take = calloc(1, sizeof *take);
+    if (!take)
+        return ls_fail(diag, LS_ERR_NOMEM, "out of memory");
+    take->context = context;
+    enum ls_err err = ls_plan_parse(plan_text, context->config, &take->plan, diag);
+    if (!err)
+        err = ls_rig_open(context->config, &take->rig, diag);
+    if (!err && dir)
+        err = continue_from(take, dir, plan_text, diag);
+    if (!err)
+        err = preflight(take, report, need_bytes, diag);
+    if (err) {
+        ls_take_destroy(take);
+        return err;
+    }
+    *out = take;
+    return LS_OK;
+}
+
+enum ls_err ls_take_preflight(const struct ls_take_context *context, const char *plan_text,
+                              struct ls_preflight *out, struct ls_diag *diag)
+{
+    struct ls_take *take;
+    uint64_t need_bytes;
+    enum ls_err err = prepare(context, plan_text, NULL, &take, out, &need_bytes, diag);
+    if (!err)
+        ls_take_destroy(take);
+    return err;
+}
+
+static enum ls_err create_store(struct ls_take *take, const char *name, const char *take_json,
+                                uint64_t need_bytes, struct ls_diag *diag)
+{
+    const struct ls_config *config = take->context->config;
+    const char **ids = calloc(take->plan->n_conditions, sizeof *ids);
+    if (!ids)
+        return ls_fail(diag, LS_ERR_NOMEM, "out of memory");
+    for (uint32_t i = 0; i < take->plan->n_conditions; i++)
+        ids[i] = take->plan->conditions[i].id;
+    const struct ls_store_config store = {
+        .root = config->storage,
+        .name = name,
+        .take_json = take_json,
+        .utc_s = time(NULL),
+        .n_cameras = config->n_cameras,
+        .n_shots = take->plan->n_steps * config->n_cameras,
+        .conditions = ids,
+        .n_conditions = take->plan->n_conditions,
+        .keep_raw = take->plan->keep_raw,
+        .need_bytes = need_bytes,
+        .spare_bytes = config->reserve_bytes,
+    };
+    enum ls_err err = ls_store_create(&store, &take->store, diag);
+    free(ids);
+    return err;
+}
+
+static enum ls_err create_capture(struct ls_take *take, struct ls_diag *diag)
+{
+    const struct ls_capture_setup setup = {
+        .config = take->context->config,
+        .plan = take->plan,
+        .lights = take->rig.lights,
+        .cameras = take->rig.cameras,
+        .store = take->store,
+        .reference_exposure_s = reference_exposure_s(take),
+        .condition_done = take->done,
+        .darks = (const float *const *)take->darks,
+    };
+    return ls_capture_create(&setup, &take->capture, diag);
+}
+
+enum ls_err ls_take_create(const struct ls_take_context *context, const char *name,
+                           const char *plan_text, struct ls_take **out, struct ls_diag *diag)
+{
+    struct ls_take *take;
+    struct ls_preflight report;
+    uint64_t need_bytes;
+    enum ls_err err = prepare(context, plan_text, NULL, &take, &report, &need_bytes, diag);
+    if (err)
+        return err;
+    const struct ls_take_document doc = document(take, plan_text);
+    LS_CLEANUP_FREE char *take_json = NULL;
+    err = ls_take_json_make(&doc, &take_json, diag);
+    if (!err)
+        err = create_store(take, name, take_json, need_bytes, diag);
+    if (!err)
+        err = create_capture(take, diag);
+    if (err) {
+        ls_take_destroy(take);
+        return err;
+    }
+    *out = take;
+    return LS_OK;
+}
+
 static enum ls_err reopen(const struct ls_take_context *context, const struct ls_takedir *dir,
                           struct ls_take **out, struct ls_diag *diag)
 {
@@ -221,16 +233,11 @@ static enum ls_err reopen(const struct ls_take_context *context, const struct ls
     struct ls_preflight report;
     uint64_t need_bytes;
     if (!err)
-        err = prepare(context, plan_text, &take, &report, &need_bytes, diag);
+        err = prepare(context, plan_text, dir, &take, &report, &need_bytes, diag);
     if (err)
         return err;
-    const struct ls_take_document doc = document(take, plan_text);
-    err = ls_take_json_same_rig(dir->take_json, &doc, diag);
-    if (!err)
-        err = find_done(take, dir, diag);
-    if (!err)
-        err = ls_store_reopen(dir->folder, need_bytes, context->config->reserve_bytes, NULL,
-                              &take->store, diag);
+    err = ls_store_reopen(dir->folder, need_bytes, context->config->reserve_bytes, NULL,
+                          &take->store, diag);
     if (!err)
         err = create_capture(take, diag);
     if (err) {
@@ -346,7 +353,10 @@ enum ls_take_state ls_take_run(struct ls_take *take, struct ls_capture_report *r
         ls_fail(message, closed, "the take could not be written: %.400s", books.text);
         return LS_TAKE_FAILED;
     }
-    if (err)
+    if (err && closed)
+        ls_fail(message, err, "%.250s; and the take could not be written: %.200s", why.text,
+                books.text);
+    else if (err)
         ls_fail(message, err, "%s", why.text);
     else if (state == LS_TAKE_INCOMPLETE)
         ls_fail(message, LS_OK, "conditions missing after every repair: %s; resume to try again",

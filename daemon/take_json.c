@@ -62,7 +62,8 @@ static json_t *camera_json(const struct ls_config_camera *c, const struct ls_cam
 {
     const float sensor[2] = {c->sensor_width_mm, c->sensor_height_mm};
     const float range[2] = {c->range_low, c->range_high};
-    return json_pack("{ss ss ss ss si si ss so so sf so so sf sf sf sf sf ss}", "name", c->name,
+    return json_pack("{ss ss ss ss si si ss so so sf so so sf sf sf sf sf ss sf sf ss}", "name",
+                     c->name,
                      "vendor", info->vendor, "model", info->model, "serial", info->serial, "width",
                      (int)info->width, "height", (int)info->height, "pixel_format",
                      info->pixel_format, "position_m", numbers_f(c->position_m, 3), "look_at_m",
@@ -70,7 +71,9 @@ static json_t *camera_json(const struct ls_config_camera *c, const struct ls_cam
                      "sensor_mm", numbers_f(sensor, 2), "range", numbers_f(range, 2), "black_dn",
                      c->black_dn, "full_scale_dn", c->full_scale_dn, "electrons_per_dn",
                      c->electrons_per_dn, "read_noise_dn", c->read_noise_dn, "exposure_offset_us",
-                     c->exposure_offset_us, "unverified", info->unverified);
+                     c->exposure_offset_us, "unverified", info->unverified, "gain", info->gain, "black_level",
+                     info->black_level, "exposure",
+                     c->driver.exposure == LS_EXPOSURE_WIDTH ? "width" : "timed");
 }
 
 static json_t *channel_json(const struct ls_config_channel *c)
@@ -171,7 +174,13 @@ static bool same_camera(const json_t *a, const json_t *b)
                                        "exposure_offset_us",
                                        "position_m",
                                        "look_at_m",
-                                       "focal_length_mm"};
+                                       "focal_length_mm",
+                                       "black_dn",
+                                       "electrons_per_dn",
+                                       "read_noise_dn",
+                                       "gain",
+                                       "black_level",
+                                       "exposure"};
     for (size_t i = 0; i < sizeof keys / sizeof *keys; i++)
         if (!json_equal(json_object_get(a, keys[i]), json_object_get(b, keys[i])))
             return false;

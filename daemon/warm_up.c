@@ -73,14 +73,16 @@ static enum ls_err fire(struct warming *w, uint32_t pulse)
 {
     bool fired = false;
     enum ls_err err = ls_lights_grant(w->warm_up->lights, pulse + 1, w->diag);
-    uint64_t until = ls_host_ns() + EVENT_TIMEOUT_US * 1000ull;
+    uint64_t timeout_us = (uint64_t)EVENT_TIMEOUT_US + w->warm_up->period_us + w->warm_up->pulse_us +
+                          w->warm_up->settle_us;
+    uint64_t until = ls_host_ns() + timeout_us * 1000;
     while (!err && !fired) {
         err = poll_lights(w, &fired);
         if (!err && !fired && ls_host_ns() > until)
             return ls_fail(w->diag, LS_ERR_TIMEOUT,
                            "the light controller does not fire: granted %u dark pulses, no step "
-                           "event for %d s",
-                           pulse + 1, EVENT_TIMEOUT_US / 1000000);
+                           "event for %.0f s",
+                           pulse + 1, (double)timeout_us * 1e-6);
         if (!err && !fired)
             ls_host_sleep(POLL_US);
     }
