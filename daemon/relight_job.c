@@ -198,6 +198,23 @@ static enum ls_err start(struct relight_job *self, struct ls_diag *diag)
 
 /* ---- bands ---- */
 
+/*
+ * What an error of one sum can become in the picture, before promotion: the gradient filter's
+ * coefficients add to 20/8 in magnitude (core/demosaic.c), and several sums meet in one channel.
+ */
+static double amplification(const struct relight_job *self)
+{
+    double filter = self->source->field.n_channels > 1 ? 2.5 : 1;
+    switch (self->mode) {
+    case LIGHTSTAGE__WEIGHT_MODE__TRISTIMULUS:
+        return filter;
+    case LIGHTSTAGE__WEIGHT_MODE__PER_TARGET:
+        return filter * self->n_sums / 3;
+    default:
+        return filter * self->n_sums;
+    }
+}
+
 static void add_report(struct relight_job *self, const struct ls_accumulate_report *report)
 {
     if (report->bound > self->report.bound)
@@ -218,7 +235,7 @@ static enum ls_err accumulate(struct relight_job *self, const struct ls_tile_reg
                                     .weights = self->rows};
     if (self->max_error > 0) {
         job.tile_max = self->source->tile_max;
-        job.max_error = self->max_error / field->scale;
+        job.max_error = self->max_error / (field->scale * amplification(self));
     }
     enum ls_err err = ls_accumulate(field, &job, tiles, fresh, &report, diag);
     add_report(self, &report);
@@ -347,7 +364,7 @@ static enum ls_err send_report(struct relight_job *self, struct ls_chunk *chunk,
     body.lights_used = self->lights_used;
     body.lights_skipped = self->n_lights - self->lights_used;
     body.tiles_skipped = self->report.tiles_skipped;
-    body.error_bound = self->report.bound * self->source->field.scale;
+    body.error_bound = self->report.bound * self->source->field.scale * amplification(self);
     body.seconds = self->seconds;
     body.calibrated = self->source->calibrated;
     return ls_message_frame(LS_MESSAGE_RELIGHT | LS_MESSAGE_REPLY, self->job.request, LS_FRAME_LAST,

@@ -18,6 +18,32 @@ def test_a_take_is_complete_and_every_frame_is_the_frame_it_says_it_is(folder):
     assert status["message"] == "complete", status
 
 
+PERMUTED = """subject = "still"; exposures_us = [500, 2500]; darks = 2;
+conditions = ( { kind = "each"; channels = ["W"]; },
+               { kind = "segment"; channels = ["R"]; lights = [0, 1, 4]; } );
+"""
+
+
+def test_a_light_is_its_row_of_the_rig_file_whatever_its_address(folder):
+    rig = harness.twelve(folder, scene="stamp", calibrated=False)
+    with open(rig.path("positions.csv"), encoding="utf-8") as file:
+        rows = [line.strip() for line in file if line[0] != "#"]
+    order = [7, 3, 11, 0, 5, 1, 9, 2, 10, 4, 8, 6]
+    with open(rig.path("positions.csv"), "w", encoding="utf-8") as file:
+        file.writelines(f"{rows[address]},{address}\n" for address in order)
+    rig.start()
+    code, status, err = takes.photograph(rig, PERMUTED)
+    assert code == 0, err
+    judged = rig.judge(status["id"])
+    assert judged["frames_mislabeled"] == 0, judged
+    first = [e["light"] for e in harness.shown(rig) if e["kind"] == "one"][::2]
+    assert first == order, first  # W-0000 is the light at row 0, which has address 7
+    document = json.loads(harness.stage.read(os.path.join(takes.folder(rig, status["id"]),
+                                                          "take.json")))
+    segment = [c for c in document["plan"]["conditions"] if c["kind"] == "segment"][0]
+    assert segment["lights"] == [0, 1, 4], segment
+
+
 def test_a_ticket_corrupted_on_purpose_is_counted_as_exactly_one(folder):
     rig = harness.twelve(folder, scene="stamp").start()
     code, status, err = takes.photograph(rig, harness.PLAN)

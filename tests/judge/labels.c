@@ -1,7 +1,5 @@
 #include "judge.h"
 
-#include "daemon/take_facts.h"
-
 #include <jansson.h>
 #include <math.h>
 #include <stdio.h>
@@ -14,8 +12,14 @@ struct shown {
     uint64_t camera_ns;
     double exposure_us;
     char kind[12];
-    int64_t light; /* of a single LED, else -1 */
-    int64_t channel;
+    int64_t light; /* controller address of a single LED, else -1 */
+    int64_t channel, n_leds;
+};
+
+/* What a condition of the plan should show, in the controller's numbers. */
+struct planned {
+    char id[64], kind[12];
+    int64_t light, channel, n_leds; /* -1: any */
 };
 
 struct shown_list {
@@ -57,7 +61,8 @@ static enum ls_err read_line(struct shown_list *list, const char *line, size_t l
                            .camera_ns = (uint64_t)integer(o, "camera_ns"),
                            .exposure_us = json_number_value(json_object_get(o, "exposure_us")),
                            .light = integer(o, "light"),
-                           .channel = integer(o, "channel") };
+                           .channel = integer(o, "channel"),
+                           .n_leds = integer(o, "n_leds") };
     snprintf(shown.kind, sizeof shown.kind, "%s", kind ? kind : "");
     json_decref(o);
     if (!kind)
@@ -93,24 +98,70 @@ static const struct shown *find(const struct shown_list *list, const struct ls_t
     return list->n ? bsearch(&key, list->item, list->n, sizeof key, by_time) : NULL;
 }
 
-/* Why this frame is not what its ticket says; false = it is. */
-static bool wrong(const struct ls_take_facts *facts, const struct ls_ticket *t,
-                  const struct shown *shown, char *why, size_t room)
+static int64_t channel_index(const json_t *rig, const char *name)
 {
-    const struct ls_condition_fact *c = &facts->conditions[t->condition];
-    static const char *const kinds[] = { "", "dark", "one", "sphere" };
-    int64_t channel = c->kind == LS_FACT_ONE || c->kind == LS_FACT_SPHERE ? (int64_t)c->channel : -1;
-    int64_t light = c->kind == LS_FACT_ONE ? (int64_t)c->light : -1;
+    const json_t *channels = json_object_get(rig, "channels");
+    for (size_t i = 0; name && i < json_array_size(channels); i++) {
+        const char *other =
+            json_string_value(json_object_get(json_array_get(channels, i), "name"));
+        if (other && !strcmp(name, other))
+            return (int64_t)i;
+    }
+    return -1;
+}
+
+static struct planned read_condition(const json_t *c, const json_t *rig)
+{
+    const json_t *address = json_object_get(json_object_get(rig, "lights"), "address");
+    const char *kind = json_string_value(json_object_get(c, "kind"));
+    const char *id = json_string_value(json_object_get(c, "id"));
+    const char *channel = json_string_value(json_object_get(c, "channel"));
+    int64_t row = integer(c, "light");
+    struct planned out = { .channel = channel_index(rig, channel), .n_leds = -1 };
+    snprintf(out.kind, sizeof out.kind, "%s", kind ? kind : "");
+    snprintf(out.id, sizeof out.id, "%s", id ? id : "");
+    out.light = row >= 0 ? json_integer_value(json_array_get(address, (size_t)row)) : -1;
+    if (!strcmp(out.kind, "segment"))
+        out.n_leds = (int64_t)json_array_size(json_object_get(c, "lights"));
+    return out;
+}
+
+/* The conditions of take.json. (transfer full), free(). */
+static struct planned *read_plan(const char *take_json, uint32_t *n, struct ls_diag *diag)
+{
+    json_error_t error;
+    json_t *doc = json_loads(take_json, 0, &error);
+    const json_t *conditions = json_object_get(json_object_get(doc, "plan"), "conditions");
+    *n = (uint32_t)json_array_size(conditions);
+    struct planned *out = *n ? calloc(*n, sizeof *out) : NULL;
+    for (uint32_t i = 0; out && i < *n; i++)
+        out[i] = read_condition(json_array_get(conditions, i), json_object_get(doc, "rig"));
+    if (!out)
+        ls_fail(diag, LS_ERR_INVALID, "take.json: no conditions: %s", doc ? "" : error.text);
+    json_decref(doc);
+    return out;
+}
+
+static bool lit_otherwise(const struct planned *p, const struct shown *shown)
+{
+    bool one_led = !strcmp(p->kind, "segment") && p->n_leds == 1; /* the log names a single LED */
+    return strcmp(shown->kind, p->kind) || (!one_led && shown->light != p->light) ||
+           shown->channel != p->channel || (p->n_leds >= 0 && shown->n_leds != p->n_leds);
+}
+
+/* Why this frame is not what its ticket says; false = it is. */
+static bool wrong(const struct planned *p, const struct ls_ticket *t, const struct shown *shown,
+                  char *why, size_t room)
+{
     if (!shown)
-        snprintf(why, room, "shot %u (%s): no frame was exposed at camera time %llu", t->shot, c->id,
+        snprintf(why, room, "shot %u (%s): no frame was exposed at camera time %llu", t->shot, p->id,
                  (unsigned long long)t->camera_ns);
-    else if (c->kind != LS_FACT_OTHER &&
-             (strcmp(shown->kind, kinds[c->kind]) || shown->light != light ||
-              shown->channel != channel))
-        snprintf(why, room, "shot %u (%s): lit by %s light %lld channel %lld", t->shot, c->id,
-                 shown->kind, (long long)shown->light, (long long)shown->channel);
+    else if (lit_otherwise(p, shown))
+        snprintf(why, room, "shot %u (%s): lit by %s light %lld channel %lld, %lld LEDs", t->shot,
+                 p->id, shown->kind, (long long)shown->light, (long long)shown->channel,
+                 (long long)shown->n_leds);
     else if (fabs(shown->exposure_us - t->exposure_used_us) > 1) /* the controller's unit is 1 us */
-        snprintf(why, room, "shot %u (%s): exposed %.1f us, the ticket says %.1f", t->shot, c->id,
+        snprintf(why, room, "shot %u (%s): exposed %.1f us, the ticket says %.1f", t->shot, p->id,
                  shown->exposure_us, t->exposure_used_us);
     else
         return false;
@@ -121,10 +172,9 @@ enum ls_err judge_check_labels(const struct ls_takedir *take, const char *log,
                                struct judge_labels *out, struct ls_diag *diag)
 {
     struct shown_list list = { 0 };
-    struct ls_take_facts *facts = NULL;
-    enum ls_err err = ls_take_facts_read(take->take_json, 0, &facts, diag);
-    if (!err)
-        err = read_log(log, &list, diag);
+    uint32_t n = 0;
+    struct planned *plan = read_plan(take->take_json, &n, diag);
+    enum ls_err err = plan ? read_log(log, &list, diag) : LS_ERR_INVALID;
     *out = (struct judge_labels){ 0 };
     for (size_t i = 0; i < take->n_tickets && !err; i++) {
         const struct ls_ticket *t = &take->tickets[i];
@@ -132,13 +182,15 @@ enum ls_err judge_check_labels(const struct ls_takedir *take, const char *log,
         if (t->status != LS_FRAME_OK)
             continue;
         out->checked++;
-        if (t->condition >= facts->n_conditions ||
-            !wrong(facts, t, find(&list, t), why, sizeof why))
+        if (t->condition < n && !wrong(&plan[t->condition], t, find(&list, t), why, sizeof why))
             continue;
+        if (t->condition >= n)
+            snprintf(why, sizeof why, "shot %u: condition %u is not in the plan", t->shot,
+                     t->condition);
         if (!out->mislabeled++)
             snprintf(out->first, sizeof out->first, "%s", why);
     }
     free(list.item);
-    ls_take_facts_destroy(facts);
+    free(plan);
     return err;
 }
