@@ -245,7 +245,8 @@ static enum ls_err fetch_step(struct ls_job *job, struct ls_chunk *chunk, bool *
                               struct ls_diag *diag)
 {
     struct fetch_job *self = (struct fetch_job *)job;
-    return self->source ? make_band(self, chunk, last, diag) : start(self, diag);
+    enum ls_err err = self->source ? make_band(self, chunk, last, diag) : start(self, diag);
+    return err ? err : ls_field_source_sound(self->source, *last, diag);
 }
 
 /* ---- making ---- */

@@ -67,7 +67,7 @@ static struct entry *find(struct ls_field_cache *cache, const char *take, uint32
         struct entry *entry = l->data;
         if (entry->stale || strcmp(entry->source->take, take) || entry->source->camera != camera)
             continue;
-        if (entry->journal_bytes == bytes)
+        if (entry->journal_bytes == bytes && !ls_field_source_sound(entry->source, true, NULL))
             return entry;
         entry->stale = true;
     }

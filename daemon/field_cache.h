@@ -16,7 +16,8 @@ struct ls_field_cache;
  * spectrum. @storage: (transfer none). (transfer full). */
 struct ls_field_cache *ls_field_cache_create(const char *storage, unsigned n_idle);
 
-/** Opened now or before; opened anew if the take's journal has grown since. Errors: those of
+/** Opened now or before; opened anew if since then the take's journal has grown or a picture has
+ * changed its length. Errors: those of
  * ls_field_source_open. */
 LS_MUST_CHECK enum ls_err ls_field_cache_get(struct ls_field_cache *cache, const char *take,
                                              uint32_t camera, struct ls_field_source **out,

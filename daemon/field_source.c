@@ -381,6 +381,8 @@ enum ls_err ls_field_source_ratio(struct ls_field_source *source, uint32_t s, co
     g_mutex_lock(&source->ratio_lock);
     if (!source->ratio[s])
         err = make_ratios(source, diag);
+    if (!err)
+        err = ls_field_source_sound(source, false, diag);
     *ratio = source->ratio[s];
     g_mutex_unlock(&source->ratio_lock);
     return err;
@@ -428,6 +430,20 @@ enum ls_err ls_field_source_open(const char *storage, const char *id, uint32_t c
     else
         *out = source;
     return err;
+}
+
+enum ls_err ls_field_source_sound(const struct ls_field_source *source, bool sizes,
+                                  struct ls_diag *diag)
+{
+    for (uint32_t i = 0; i < source->facts->n_conditions; i++) {
+        const struct ls_picture_map *map = &source->maps[i];
+        if (map->base &&
+            (!ls_picture_map_sound(map) || (sizes && !ls_picture_map_whole(map))))
+            return ls_fail(diag, LS_ERR_INVALID,
+                           "%s: cut short, removed or unreadable; \"take verify\" says what is left",
+                           map->path);
+    }
+    return LS_OK;
 }
 
 void ls_field_source_close(struct ls_field_source *source)

@@ -78,6 +78,12 @@ LS_MUST_CHECK enum ls_err ls_field_source_promotable(const struct ls_field_sourc
 LS_MUST_CHECK enum ls_err ls_field_source_ratio(struct ls_field_source *source, uint32_t s,
                                                 const float **ratio, struct ls_diag *diag);
 
+/** Could every picture be read so far and, if @sizes, is every file still as long as it was? Ask
+ * after each piece of work on the pictures and trust the work only then. LS_ERR_INVALID names the
+ * file. Any thread. */
+LS_MUST_CHECK enum ls_err ls_field_source_sound(const struct ls_field_source *source, bool sizes,
+                                                struct ls_diag *diag);
+
 /** NULL is allowed. */
 void ls_field_source_close(struct ls_field_source *source);
 

@@ -4,8 +4,9 @@
 
 #include <errno.h>
 #include <fcntl.h>
-#include <string.h>
+#include <glib.h>
 #include <stdio.h>
+#include <string.h>
 #include <sys/mman.h>
 #include <sys/stat.h>
 #include <unistd.h>
@@ -26,6 +27,8 @@ static enum ls_err map_file(struct ls_picture_map *map, const char *path, struct
         if (map->base == MAP_FAILED) {
             map->base = NULL;
             err = ls_fail(diag, LS_ERR_OS, "%s: cannot be mapped: %s", path, strerror(errno));
+        } else {
+            ls_map_guard_add(&map->guard, map->base, map->bytes);
         }
     }
     close(fd);
@@ -55,14 +58,29 @@ enum ls_err ls_picture_map_open(struct ls_picture_map *map, const char *folder, 
     enum ls_err err = map_file(map, path, diag);
     if (err)
         return err;
+    map->path = g_strdup(path);
     err = ls_exr_map_tiles(map->base, map->bytes, NULL, &map->tiles, &inner);
     if (err)
         ls_fail(diag, err, "%.300s: %.200s", path, inner.text);
     else
         err = check(map, path, width, height, diag);
+    if (!ls_picture_map_sound(map))
+        err = ls_fail(diag, LS_ERR_INVALID, "%s: cannot be read to its end", path);
     if (err)
         ls_picture_map_finish(map);
     return err;
+}
+
+bool ls_picture_map_sound(const struct ls_picture_map *map)
+{
+    return !ls_map_guard_lost(&map->guard);
+}
+
+bool ls_picture_map_whole(const struct ls_picture_map *map)
+{
+    struct stat info;
+    return lstat(map->path, &info) == 0 && S_ISREG(info.st_mode) &&
+           (size_t)info.st_size == map->bytes;
 }
 
 /* A run of pixels inside one tile row. */
@@ -112,7 +130,9 @@ void ls_picture_map_read(const struct ls_picture_map *map, uint32_t x, uint32_t 
 void ls_picture_map_finish(struct ls_picture_map *map)
 {
     ls_exr_tiles_finish(&map->tiles);
+    ls_map_guard_remove(&map->guard);
     if (map->base)
         munmap(map->base, map->bytes);
+    g_free(map->path);
     memset(map, 0, sizeof *map);
 }

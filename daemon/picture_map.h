@@ -8,25 +8,36 @@
 
 #include "core/error.h"
 #include "core/exr.h"
+#include "daemon/map_guard.h"
 
+#include <stdbool.h>
 #include <stddef.h>
 #include <stdint.h>
 
 struct ls_picture_map {
+    char *path;
     void *base;
     size_t bytes;
     struct ls_exr_tiles tiles;
+    struct ls_map_guard guard; /* must not move once open */
 };
 
 /**
- * Map @folder/@file, which must be a picture of @width x @height halves in 64 x 64 tiles. A
- * published file never changes length, which is what makes mapping it safe. Errors:
+ * Map @folder/@file, which must be a picture of @width x @height halves in 64 x 64 tiles. Errors:
  * LS_ERR_NOT_FOUND, LS_ERR_OS, LS_ERR_INVALID (not what was published), those of
  * ls_exr_map_tiles.
  */
 LS_MUST_CHECK enum ls_err ls_picture_map_open(struct ls_picture_map *map, const char *folder,
                                               const char *file, uint32_t width, uint32_t height,
                                               struct ls_diag *diag);
+
+/** Could all that was read so far be read? False once a page was missing under the mapping (the file
+ * was cut short, the disk failed): zeros were read in its place. */
+bool ls_picture_map_sound(const struct ls_picture_map *map);
+
+/** Is the file still there, as long as when it was mapped? Looks at the folder, not at the pages: it
+ * also sees a file cut within its last page. */
+bool ls_picture_map_whole(const struct ls_picture_map *map);
 
 /** Copy pixels [x, x + width) x [y, y + height), inside the picture, times @gain. Row stride
  * @width. */

@@ -395,6 +395,8 @@ static enum ls_err relight_step(struct ls_job *job, struct ls_chunk *chunk, bool
     struct relight_job *self = (struct relight_job *)job;
     int64_t began = g_get_monotonic_time();
     enum ls_err err = self->source ? next_frame(self, chunk, last, diag) : start(self, diag);
+    if (!err)
+        err = ls_field_source_sound(self->source, *last, diag);
     self->seconds += (double)(g_get_monotonic_time() - began) * 1e-6;
     return err;
 }

@@ -1,6 +1,7 @@
 /* serving: what comes over the wire of a take is what core makes of its pictures. */
 #include "core/demosaic.h"
 #include "core/half.h"
+#include "daemon/field_source.h"
 #include "proto/errors.h"
 #include "proto/frame.h"
 #include "tests/daemon/server_fixture.h"
@@ -9,6 +10,7 @@
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/mman.h>
 #include <sys/socket.h>
 #include <unistd.h>
 
@@ -529,6 +531,85 @@ static void a_damaged_picture_is_refused(struct hall *hall, gconstpointer data)
     g_free(path);
 }
 
+/* The sentence of the refusal, or "" if the relight was answered. */
+static char *refusal_of(struct hall *hall, const struct relight *r, uint32_t *number)
+{
+    struct ls_diag diag = {0};
+    uint32_t request = send_request(hall, LS_MESSAGE_RELIGHT, &r->body.base, r->weights,
+                                    r->n_rows * TAKE_LIGHTS * sizeof(float));
+    for (bool last = false; !last;) {
+        struct ls_reply reply;
+        if (ls_connection_receive(hall->client, request, &reply, &diag))
+            break;
+        last = reply.last;
+        ls_reply_finish(&reply);
+    }
+    *number = diag.text[0] ? ls_connection_error(hall->client) : 0;
+    return g_strdup(diag.text);
+}
+
+static void a_picture_cut_short_between_two_relights_is_named(struct hall *hall, gconstpointer data)
+{
+    struct relight r;
+    uint32_t number;
+    char *path = g_build_filename(hall->stage.storage, hall->take->id, "cam0", "W-0002.exr", NULL);
+    a_relight(&r, hall, LIGHTSTAGE__WEIGHT_MODE__SHARED);
+    g_byte_array_unref(relit(hall, &r, &number));
+    g_assert_cmpuint(number, ==, 0);
+    g_assert_cmpint(truncate(path, 5000), ==, 0);
+    char *text = refusal_of(hall, &r, &number);
+    g_assert_cmpuint(number, ==, LS_PROTO_DAMAGED);
+    g_assert_nonnull(strstr(text, "W-0002.exr"));
+    g_free(text);
+    g_free(path);
+    ls_connection_close(hall->client); /* the daemon lives */
+    hall->client = a_client(&hall->stage);
+}
+
+/* The file is cut while the source is open, after its length was looked at: the pages are gone
+ * under the mapping. */
+static void a_picture_cut_short_under_the_mapping_is_named(struct hall *hall, gconstpointer data)
+{
+    struct ls_field_source *source = NULL;
+    struct ls_diag diag = {0};
+    float pixels[64];
+    char *path = g_build_filename(hall->stage.storage, hall->take->id, "cam0", "W-0002.exr", NULL);
+    g_assert_cmpint(ls_field_source_open(hall->stage.storage, hall->take->id, 0, &source, &diag),
+                    ==, LS_OK);
+    const struct ls_picture_map *cut = ls_field_source_picture(source, 0, 2, NULL);
+    const struct ls_picture_map *other = ls_field_source_picture(source, 0, 3, NULL);
+    g_assert_cmpint(ls_field_source_sound(source, true, &diag), ==, LS_OK);
+    g_assert_cmpint(truncate(path, 5000), ==, 0);
+    ls_picture_map_read(other, 0, TAKE_H - 1, 64, 1, 1, pixels);
+    g_assert_cmpint(ls_field_source_sound(source, false, &diag), ==, LS_OK);
+    ls_picture_map_read(cut, 0, TAKE_H - 1, 64, 1, 1, pixels);
+    g_assert_cmpfloat(pixels[0], ==, 0);
+    g_assert_cmpint(ls_field_source_sound(source, false, &diag), ==, LS_ERR_INVALID);
+    g_assert_nonnull(strstr(diag.text, "W-0002.exr"));
+    g_assert_true(ls_picture_map_sound(other));
+    ls_field_source_close(source);
+    g_free(path);
+}
+
+static void a_bus_error_elsewhere_still_ends_the_process(void)
+{
+    if (!g_test_subprocess()) {
+        g_test_trap_subprocess(NULL, 0, 0);
+        g_test_trap_assert_failed();
+        return;
+    }
+    char *path = NULL, bytes[64] = "some bytes";
+    struct ls_map_guard guard;
+    int fd = g_file_open_tmp("lightstage-XXXXXX", &path, NULL);
+    unlink(path);
+    ls_map_guard_add(&guard, bytes, 1); /* of this stack's page: not what faults */
+    g_assert_cmpint(ftruncate(fd, 1), ==, 0);
+    volatile char *mapped = mmap(NULL, 1, PROT_READ, MAP_SHARED, fd, 0);
+    g_assert_true(mapped != MAP_FAILED);
+    g_assert_cmpint(ftruncate(fd, 0), ==, 0);
+    exit(mapped[0]);
+}
+
 static void an_uncalibrated_take_is_served_as_stored(struct hall *hall, gconstpointer data)
 {
     struct relight r;
@@ -671,6 +752,12 @@ int main(int argc, char **argv)
         a_full_sphere_needs_its_calibrated_duty);
     ADD("a-take-is-listed-shown-and-verified", with_take, a_take_is_listed_shown_and_verified);
     ADD("a-damaged-picture-is-refused", with_take, a_damaged_picture_is_refused);
+    ADD("a-picture-cut-short-between-two-relights-is-named", with_take,
+        a_picture_cut_short_between_two_relights_is_named);
+    ADD("a-picture-cut-short-under-the-mapping-is-named", with_take,
+        a_picture_cut_short_under_the_mapping_is_named);
+    g_test_add_func("/serving/a-bus-error-elsewhere-still-ends-the-process",
+                    a_bus_error_elsewhere_still_ends_the_process);
     ADD("an-uncalibrated-take-is-served-as-stored", with_uncalibrated_take,
         an_uncalibrated_take_is_served_as_stored);
     ADD("a-stalled-client-holds-nobody-up", with_take, a_stalled_client_holds_nobody_up);
