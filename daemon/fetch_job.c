@@ -39,6 +39,29 @@ static void fetch_destroy(struct ls_job *job)
 
 /* ---- start ---- */
 
+/* Was the picture asked for at all? @light < 0: of any light. */
+static bool is_planned(const struct ls_take_facts *facts, uint32_t channel, int64_t light)
+{
+    for (uint32_t i = 0; i < facts->n_conditions; i++) {
+        const struct ls_condition_fact *f = &facts->conditions[i];
+        if (f->kind == LS_FACT_ONE && f->channel == channel && (light < 0 || f->light == light))
+            return true;
+    }
+    return false;
+}
+
+static enum ls_err not_planned(const struct fetch_job *self, const char *what, uint32_t channel,
+                               struct ls_diag *diag)
+{
+    const struct ls_field_source *source = self->source;
+    int s = ls_field_source_spectrum(source, channel);
+    bool promotable = s > 0 && !ls_field_source_promotable(source, (uint32_t)s, NULL);
+    return ls_fail(diag, LS_ERR_NOT_FOUND,
+                   "the plan of take %s has no picture of %s under %s%s", self->take, what,
+                   source->facts->channels[channel].name,
+                   promotable ? "; model sphere makes it from white and the full sphere" : "");
+}
+
 static enum ls_err choose_lights(struct fetch_job *self, struct ls_diag *diag)
 {
     const struct ls_take_facts *facts = self->source->facts;
@@ -57,6 +80,8 @@ static enum ls_err choose_lights(struct fetch_job *self, struct ls_diag *diag)
     for (uint32_t i = 0; i < facts->n_lights; i++)
         if (ls_field_source_picture(self->source, from, i, NULL))
             self->lights[self->n_lights++] = i;
+    if (self->n_lights == 0 && !is_planned(facts, from, -1))
+        return not_planned(self, "a single light", from, diag);
     if (self->n_lights == 0)
         return ls_fail(diag, LS_ERR_STATE, "take %s has no picture of a single light under %s",
                        self->take, self->channel_name);
@@ -129,6 +154,11 @@ static enum ls_err light_picture(const struct fetch_job *self, struct picture *o
         return ls_fail(diag, LS_ERR_NOT_FOUND, "light %u: the take has lights 0 to %u", light,
                        self->source->facts->n_lights - 1);
     out->map = ls_field_source_picture(self->source, from, light, NULL);
+    if (!out->map && !is_planned(self->source->facts, from, light)) {
+        char what[32];
+        snprintf(what, sizeof what, "light %u", light);
+        return not_planned(self, what, from, diag);
+    }
     if (!out->map)
         return ls_fail(diag, LS_ERR_STATE, "take %s has no picture of light %u under %s",
                        self->take, light, self->source->facts->channels[from].name);

@@ -449,11 +449,43 @@ static void a_promoted_fetch_is_white_times_the_ratio(struct hall *hall, gconstp
     add(expected, hall->take, one, ratio, -1);
     assert_close(got, expected, 3 * TAKE_PIXELS, hall->take->scale);
     g_byte_array_unref(got);
-    fetch.model = LIGHTSTAGE__MODEL__MEASURED; /* R was photographed only as a sphere */
-    g_byte_array_unref(fetched(hall, &fetch, &number));
-    g_assert_cmpuint(number, ==, LS_PROTO_INCOMPLETE);
     g_free(expected);
     g_free(ratio);
+}
+
+static char *refusal_of_fetch(struct hall *hall, const Lightstage__Fetch *fetch, uint32_t *number)
+{
+    struct ls_reply reply;
+    struct ls_diag diag = {0};
+    uint32_t request = send_request(hall, LS_MESSAGE_FETCH, &fetch->base, NULL, 0);
+    g_assert_cmpint(ls_connection_receive(hall->client, request, &reply, &diag), ==,
+                    LS_ERR_REFUSED);
+    *number = ls_connection_error(hall->client);
+    return g_strdup(diag.text);
+}
+
+/* R was photographed only as a sphere: nothing is missing, resuming would not bring it. */
+static void a_picture_outside_the_plan_is_not_called_missing(struct hall *hall, gconstpointer data)
+{
+    Lightstage__Fetch fetch;
+    uint32_t light = 1, number;
+    static char red[] = "R", polarised[] = "V";
+    for (int named = 0; named < 2; named++) {
+        a_fetch(&fetch, hall);
+        fetch.channel = red;
+        fetch.lights = &light;
+        fetch.n_lights = (size_t)named;
+        char *text = refusal_of_fetch(hall, &fetch, &number);
+        g_assert_cmpuint(number, ==, LS_PROTO_NOT_FOUND);
+        g_assert_nonnull(strstr(text, "the plan of take"));
+        g_assert_nonnull(strstr(text, "model sphere"));
+        g_free(text);
+        fetch.channel = polarised;
+        text = refusal_of_fetch(hall, &fetch, &number);
+        g_assert_cmpuint(number, ==, LS_PROTO_NOT_FOUND);
+        g_assert_null(strstr(text, "model sphere")); /* not promotable */
+        g_free(text);
+    }
 }
 
 static void all_lights_come_when_none_is_named(struct hall *hall, gconstpointer data)
@@ -747,6 +779,8 @@ int main(int argc, char **argv)
     ADD("reflectance-carries-gain-and-scale", with_take, reflectance_carries_gain_and_scale);
     ADD("a-promoted-fetch-is-white-times-the-ratio", with_take,
         a_promoted_fetch_is_white_times_the_ratio);
+    ADD("a-picture-outside-the-plan-is-not-called-missing", with_take,
+        a_picture_outside_the_plan_is_not_called_missing);
     ADD("all-lights-come-when-none-is-named", with_take, all_lights_come_when_none_is_named);
     ADD("a-full-sphere-needs-its-calibrated-duty", with_take,
         a_full_sphere_needs_its_calibrated_duty);
