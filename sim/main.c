@@ -32,6 +32,23 @@ static int usage(void)
     return EXIT_USAGE;
 }
 
+/* A success that could not be said is none. */
+static int end(int status)
+{
+    if ((fflush(stdout) == 0 && !ferror(stdout)) || status != EXIT_SUCCESS)
+        return status;
+    fputs("lightstage-sim: standard output cannot be written\n", stderr);
+    return EXIT_FAILURE;
+}
+
+static bool asks_for_help(int argc, char **argv)
+{
+    for (int i = 1; i < argc; i++)
+        if (!strcmp(argv[i], "--help") || !strcmp(argv[i], "-h"))
+            return true;
+    return false;
+}
+
 static int fail(const struct ls_diag *diag)
 {
     fprintf(stderr, "lightstage-sim: %s\n", diag->text);
@@ -128,9 +145,29 @@ static int ask(int argc, char **argv)
     return sim_truth_main(&config.scene, argc, argv);
 }
 
+static int help(const char *subcommand)
+{
+    fputs(subcommand && sim_truth_has(subcommand) ? sim_truth_usage() : usage_text, stdout);
+    return EXIT_SUCCESS;
+}
+
+static int command_line(int argc, char **argv)
+{
+    if (argc < 2)
+        return usage();
+    bool is_run = !strcmp(argv[1], "run"), option = argv[1][0] == '-';
+    if (!option && !is_run && !sim_truth_has(argv[1])) {
+        fprintf(stderr, "lightstage-sim: %s: no such subcommand\n", argv[1]);
+        return usage();
+    }
+    if (asks_for_help(argc, argv))
+        return help(option ? NULL : argv[1]);
+    if (option)
+        return usage();
+    return is_run ? run(argc - 1, argv + 1) : ask(argc - 1, argv + 1);
+}
+
 int main(int argc, char **argv)
 {
-    if (argc < 2 || argv[1][0] == '-')
-        return usage();
-    return strcmp(argv[1], "run") ? ask(argc - 1, argv + 1) : run(argc - 1, argv + 1);
+    return end(command_line(argc, argv));
 }

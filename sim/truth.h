@@ -16,6 +16,7 @@
 #include "core/error.h"
 #include "sim/scene.h"
 
+#include <stdbool.h>
 #include <stdint.h>
 
 /** A region of the sensor of one camera. */
@@ -108,5 +109,11 @@ LS_MUST_CHECK enum ls_err sim_truth_calibration(const struct sim_scene *scene, u
  * @scene is the configured world. Returns the process's exit status; prints usage on a wrong one.
  */
 int sim_truth_main(const struct sim_scene_config *config, int argc, char **argv);
+
+/** Is @name one of them? */
+bool sim_truth_has(const char *name);
+
+/** What each of them takes. */
+const char *sim_truth_usage(void);
 
 #endif

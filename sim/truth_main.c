@@ -283,6 +283,16 @@ static const struct command *find_command(const char *name)
     return NULL;
 }
 
+bool sim_truth_has(const char *name)
+{
+    return find_command(name) != NULL;
+}
+
+const char *sim_truth_usage(void)
+{
+    return usage_text;
+}
+
 static int fail(const struct ls_diag *diag)
 {
     fprintf(stderr, "lightstage-sim: %s\n", diag->text);

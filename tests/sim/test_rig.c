@@ -298,6 +298,40 @@ static void test_refusal(void)
     g_free(err);
 }
 
+/* @line: after the program's name, in a shell. */
+static void expect(const char *line, int code, const char *on_out, const char *on_err)
+{
+    char *out = NULL, *err = NULL;
+    char *words[] = {(char *)"/bin/sh", (char *)"-c", NULL, NULL};
+    int status = 0;
+    words[2] = g_strdup_printf("exec %s %s", program(), line);
+    g_assert_true(g_spawn_sync(NULL, words, NULL, G_SPAWN_DEFAULT, NULL, NULL, &out, &err, &status,
+                               NULL));
+    g_test_message("%s -> %d", line, status);
+    g_assert_true(WIFEXITED(status));
+    g_assert_cmpint(WEXITSTATUS(status), ==, code);
+    g_assert_true(*on_out ? strstr(out, on_out) != NULL : !*out);
+    g_assert_true(*on_err ? strstr(err, on_err) != NULL : !*err);
+    g_free(words[2]);
+    g_free(out);
+    g_free(err);
+}
+
+static void test_help(void)
+{
+    expect("--help", 0, "usage: lightstage-sim run", "");
+    expect("-h", 0, "usage: lightstage-sim run", "");
+    expect("run --help", 0, "usage: lightstage-sim run", "");
+    expect("field --help", 0, "field       --lights", "");
+    expect("masks --lights 0 --help", 0, "usage: lightstage-sim describe", "");
+    expect("", 2, "", "usage:");
+    expect("--nonsense", 2, "", "usage:");
+    expect("run --nonsense", 2, "", "usage:");
+    expect("paint", 2, "", "paint: no such subcommand");
+    expect("paint --help", 2, "", "paint: no such subcommand");
+    expect("--help >&-", 1, "", "standard output cannot be written");
+}
+
 int main(int argc, char **argv)
 {
     g_test_init(&argc, &argv, NULL);
@@ -306,5 +340,6 @@ int main(int argc, char **argv)
     g_test_add_func("/rig/a-killed-simulator-leaves-whole-lines", test_killed);
     g_test_add_func("/rig/it-dies-with-its-parent", test_orphan);
     g_test_add_func("/rig/a-missing-file-is-named", test_refusal);
+    g_test_add_func("/rig/help-is-an-answer-and-a-wrong-word-is-named", test_help);
     return g_test_run();
 }
