@@ -4,6 +4,8 @@
 #include "daemon/conf_read.h"
 #include "daemon/file.h"
 
+#include <errno.h>
+#include <fcntl.h>
 #include <libgen.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -209,6 +211,18 @@ static void read_lights(struct ls_conf *rig, struct ls_config *config)
     ls_positions_finish(&positions);
 }
 
+/* libconfig does not say, and does not always leave errno behind. */
+static const char *why_unreadable(const char *path)
+{
+    char byte;
+    int fd = open(path, O_RDONLY | O_CLOEXEC | O_NONBLOCK);
+    if (fd < 0)
+        return strerror(errno);
+    const char *why = read(fd, &byte, 1) < 0 ? strerror(errno) : "not a text file";
+    close(fd);
+    return why;
+}
+
 static void read_rig(struct ls_config *config, const char *path, struct ls_conf *daemon)
 {
     config_t tree;
@@ -219,8 +233,8 @@ static void read_rig(struct ls_config *config, const char *path, struct ls_conf 
                           ? ls_fail(daemon->diag, LS_ERR_INVALID, "%s:%d: %s", path,
                                     config_error_line(&tree), config_error_text(&tree))
                           : ls_fail(daemon->diag, LS_ERR_NOT_FOUND,
-                                    "%s: cannot read the rig file named by key rig in %s", path,
-                                    daemon->file);
+                                    "%s: cannot read the rig file named by key rig in %s: %s", path,
+                                    daemon->file, why_unreadable(path));
         config_destroy(&tree);
         return;
     }
@@ -282,7 +296,8 @@ enum ls_err ls_config_load(const char *path, struct ls_config **out, struct ls_d
         err = config_error_line(&tree)
                   ? ls_fail(diag, LS_ERR_INVALID, "%s:%d: %s", path, config_error_line(&tree),
                             config_error_text(&tree))
-                  : ls_fail(diag, LS_ERR_NOT_FOUND, "%s: cannot read the configuration file", path);
+                  : ls_fail(diag, LS_ERR_NOT_FOUND, "%s: cannot read the configuration file: %s",
+                            path, why_unreadable(path));
     } else {
         ls_conf_begin(&c, config_root_setting(&tree), path, diag);
         read_daemon(&c, config, path);

@@ -40,6 +40,14 @@ struct ls_engine {
     struct ls_diag end_message;
 };
 
+static enum ls_err parse_calibration(struct ls_engine *e, size_t length, struct ls_diag *diag)
+{
+    struct ls_diag inner = {0};
+    enum ls_err err = ls_calibration_parse(e->calibration_json, length, &e->calibration, &inner);
+    return err ? ls_fail(diag, err, "%.200s: %.300s", e->config->calibration_path, inner.text)
+               : LS_OK;
+}
+
 static enum ls_err load_calibration(struct ls_engine *e, struct ls_diag *diag)
 {
     if (!e->config->calibration_path)
@@ -48,7 +56,7 @@ static enum ls_err load_calibration(struct ls_engine *e, struct ls_diag *diag)
     enum ls_err err = ls_file_read(e->config->calibration_path, CALIBRATION_MAX_BYTES,
                                    &e->calibration_json, &length, diag);
     if (!err)
-        err = ls_calibration_parse(e->calibration_json, length, &e->calibration, diag);
+        err = parse_calibration(e, length, diag);
     if (!err && e->calibration->n_lights != e->config->n_lights)
         err = ls_fail(diag, LS_ERR_MISMATCH, "%s: %u lights, the rig has %u: calibrate this rig",
                       e->config->calibration_path, e->calibration->n_lights, e->config->n_lights);

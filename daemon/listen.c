@@ -17,8 +17,8 @@ static enum ls_err fill_address(const char *path, struct sockaddr_un *address, s
     memset(address, 0, sizeof *address);
     address->sun_family = AF_UNIX;
     if (!path || !path[0] || strlen(path) >= sizeof address->sun_path)
-        return ls_fail(diag, LS_ERR_INVALID, "socket path \"%.120s\": expected 1 to %zu characters",
-                       path ? path : "", sizeof address->sun_path - 1);
+        return ls_fail(diag, LS_ERR_INVALID, "socket path \"%.120s\": %zu characters, expected 1 to %zu",
+                       path ? path : "", path ? strlen(path) : 0, sizeof address->sun_path - 1);
     strcpy(address->sun_path, path);
     return LS_OK;
 }
@@ -78,6 +78,12 @@ static int lock_folder(const char *path)
     if (fd >= 0)
         flock(fd, LOCK_EX);
     return fd;
+}
+
+enum ls_err ls_listen_check(const char *path, struct ls_diag *diag)
+{
+    struct sockaddr_un address;
+    return fill_address(path, &address, diag);
 }
 
 enum ls_err ls_listen_unix(const char *path, int *out, struct ls_diag *diag)

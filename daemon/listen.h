@@ -7,6 +7,9 @@
 
 #include "core/error.h"
 
+/** Can @path be a socket's? LS_ERR_INVALID: empty, or longer than an address can hold. */
+LS_MUST_CHECK enum ls_err ls_listen_check(const char *path, struct ls_diag *diag);
+
 /** Bind and listen at @path, mode 0660, non-blocking. Errors: LS_ERR_BUSY (somebody answers there),
  * LS_ERR_EXISTS (not a socket), LS_ERR_INVALID (path too long), LS_ERR_NOT_FOUND (no such folder),
  * LS_ERR_OS. */

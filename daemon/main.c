@@ -4,6 +4,7 @@
  */
 #include "daemon/config.h"
 #include "daemon/engine.h"
+#include "daemon/listen.h"
 #include "daemon/privileges.h"
 #include "daemon/server.h"
 
@@ -39,6 +40,15 @@ struct options {
     bool check;
 };
 
+/* A success that could not be said is none. */
+static int end(int status)
+{
+    if ((fflush(stdout) == 0 && !ferror(stdout)) || status != EXIT_SUCCESS)
+        return status;
+    fputs("lightstaged: standard output cannot be written\n", stderr);
+    return EXIT_FAILURE;
+}
+
 static struct options parse_options(int argc, char **argv)
 {
     enum { READY_FD = 256, VERSION, CHECK };
@@ -61,10 +71,10 @@ static struct options parse_options(int argc, char **argv)
             break;
         case 'h':
             fputs(usage, stdout);
-            exit(EXIT_SUCCESS);
+            exit(end(EXIT_SUCCESS));
         case VERSION:
             puts("lightstaged " LS_VERSION);
-            exit(EXIT_SUCCESS);
+            exit(end(EXIT_SUCCESS));
         default:
             fputs(usage, stderr);
             exit(EXIT_USAGE);
@@ -102,6 +112,8 @@ static gboolean on_signal(gpointer user)
 static enum ls_err prepare(struct daemon *d, const struct options *o, struct ls_diag *diag)
 {
     enum ls_err err = ls_config_load(o->config, &d->config, diag);
+    if (!err)
+        err = ls_listen_check(d->config->socket_path, diag);
     if (err)
         return err;
     if (mkdir(d->config->storage, 0777) && errno != EEXIST)
@@ -160,5 +172,5 @@ int main(int argc, char **argv)
     ls_engine_destroy(d.engine); /* first: a running take ends dark and tells its clients */
     ls_server_destroy(d.server);
     ls_config_destroy(d.config);
-    return err ? EXIT_FAILURE : EXIT_SUCCESS;
+    return end(err ? EXIT_FAILURE : EXIT_SUCCESS);
 }
