@@ -12,6 +12,7 @@
 struct options {
     const char *channel, *lights, *output;
     bool promoted, rgb, estimate, half, full_sphere;
+    uint32_t camera;
     Lightstage__Region region;
 };
 
@@ -60,6 +61,11 @@ static int parse_option(struct options *out, int option)
         return ls_region_option(optarg, &out->region)
                    ? LS_EXIT_OK
                    : ls_command_wrong("--region %s: expected X,Y,WIDTH,HEIGHT", optarg);
+    case 10:
+        return ls_camera_option(optarg, &out->camera)
+                   ? LS_EXIT_OK
+                   : ls_command_wrong("--camera %s: expected the number of a camera, from 0",
+                                      optarg);
     default:
         return LS_EXIT_USAGE;
     }
@@ -76,6 +82,7 @@ static int parse(struct ls_command_context *context, int argc, char **argv, stru
                                             {"half", no_argument, NULL, 7},
                                             {"full-sphere", no_argument, NULL, 8},
                                             {"region", required_argument, NULL, 9},
+                                            {"camera", required_argument, NULL, 10},
                                             LS_COMMON_OPTIONS};
     lightstage__region__init(&out->region);
     for (int option;
@@ -88,6 +95,8 @@ static int parse(struct ls_command_context *context, int argc, char **argv, stru
         return LS_EXIT_USAGE;
     if (!out->channel || !out->output)
         return ls_command_wrong("fetch: --channel NAME and --output PREFIX are needed");
+    if (out->full_sphere && out->lights)
+        return ls_command_wrong("fetch: --full-sphere is all lights at once: leave out --lights");
     return LS_EXIT_OK;
 }
 
@@ -227,6 +236,7 @@ static enum ls_err send_request(struct fetch *fetch, uint32_t *request)
         o->estimate ? LIGHTSTAGE__QUANTITY__ESTIMATE : LIGHTSTAGE__QUANTITY__REFLECTANCE;
     body.sample = o->half ? LIGHTSTAGE__SAMPLE__HALF : LIGHTSTAGE__SAMPLE__FLOAT;
     body.full_sphere = o->full_sphere;
+    body.camera = o->camera;
     enum ls_err err = ls_connection_send(fetch->context->connection, LS_MESSAGE_FETCH, &body.base,
                                          NULL, 0, request, diag);
     free(lights);
@@ -281,7 +291,7 @@ static int run(struct ls_command_context *context, int argc, char **argv)
     int code = parse(context, argc, argv, &options);
     if (code)
         return code;
-    code = ls_take_document_get(context, argv[optind], &document);
+    code = ls_take_document_get(context, argv[optind], options.camera, &document);
     if (code)
         return code;
     struct fetch fetch = {.context = context, .options = &options, .document = document};
@@ -294,5 +304,5 @@ const struct ls_command ls_command_fetch = {
     "fetch", "Pictures of the field as OpenEXR, with a JSON and a CSV list beside them",
     "TAKE --channel NAME --output PREFIX [--lights 0,5,7-9] [--full-sphere]\n"
     "         [--model measured|sphere] [--layout mosaic|rgb] [--estimate] [--half]\n"
-    "         [--region X,Y,WIDTH,HEIGHT] [--json]",
+    "         [--region X,Y,WIDTH,HEIGHT] [--camera N] [--json]",
     run};

@@ -20,6 +20,7 @@ struct options {
     double turn_deg, exposure, max_error;
     bool exposure_given;
     enum ls_map_space space;
+    uint32_t camera;
     Lightstage__Region region;
 };
 
@@ -44,7 +45,8 @@ static bool number(const char *text, double *out)
 /* One option; LS_EXIT_OK or the exit code. */
 static int set(struct options *out, int option)
 {
-    enum { OUTPUT = 1, PNG, SOLVE, ROTATE, RAW, SPACE, REGION, EXPOSURE, MAX_ERROR, WEIGHTS };
+    enum { OUTPUT = 1, PNG, SOLVE, ROTATE, RAW, SPACE, REGION, EXPOSURE, MAX_ERROR, WEIGHTS,
+           CAMERA };
     switch (option) {
     case OUTPUT:
         out->exr = optarg;
@@ -82,6 +84,11 @@ static int set(struct options *out, int option)
         return number(optarg, &out->max_error) && out->max_error >= 0
                    ? LS_EXIT_OK
                    : ls_command_wrong("--max-error %s: expected 0 or more", optarg);
+    case CAMERA:
+        return ls_camera_option(optarg, &out->camera)
+                   ? LS_EXIT_OK
+                   : ls_command_wrong("--camera %s: expected the number of a camera, from 0",
+                                      optarg);
     case REGION:
         return ls_region_option(optarg, &out->region)
                    ? LS_EXIT_OK
@@ -103,6 +110,7 @@ static int parse(struct ls_command_context *context, int argc, char **argv, stru
                                             {"exposure", required_argument, NULL, 8},
                                             {"max-error", required_argument, NULL, 9},
                                             {"weights", required_argument, NULL, 10},
+                                            {"camera", required_argument, NULL, 11},
                                             LS_COMMON_OPTIONS};
     lightstage__region__init(&out->region);
     for (int option;
@@ -179,6 +187,7 @@ static int ask(struct ls_command_context *context, const char *take, const struc
     body.n_lights = weights->n_lights;
     body.region = &region;
     body.max_error = options->max_error;
+    body.camera = options->camera;
     enum ls_err err = ls_connection_send(
         context->connection, LS_MESSAGE_RELIGHT, &body.base, weights->rows,
         (size_t)weights->n_rows * weights->n_lights * sizeof(float), &request, &context->diag);
@@ -343,7 +352,7 @@ static int run(struct ls_command_context *context, int argc, char **argv)
     struct ls_take_document *document = NULL;
     int code = parse(context, argc, argv, &options);
     if (!code)
-        code = ls_take_document_get(context, argv[optind], &document);
+        code = ls_take_document_get(context, argv[optind], options.camera, &document);
     if (code)
         return code;
     code = relight(context, &options, document);
@@ -355,7 +364,8 @@ const struct ls_command ls_command_relight = {
     "relight", "A take under another light: a lat-long .hdr or .exr, or spectral lobes as .json",
     "TAKE ENVIRONMENT --output FILE.exr [--png FILE.png] [--raw]\n"
     "         [--solve spectral|tristimulus] [--rotate DEG] [--space rec709-linear|camera-raw]\n"
-    "         [--region X,Y,WIDTH,HEIGHT] [--exposure STOPS] [--max-error E] [--json]\n"
+    "         [--region X,Y,WIDTH,HEIGHT] [--exposure STOPS] [--max-error E]\n"
+    "         [--camera N] [--json]\n"
     "       lightstagectl relight TAKE --weights FILE.json --output FILE.exr [...]\n"
     "         instead of an environment: {\"W\": [one per light, radiance x sr], ...}",
     run};

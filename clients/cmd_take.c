@@ -24,8 +24,11 @@ static json_t *summary_json(const Lightstage__TakeSummary *t)
 
 static void print_summary(const Lightstage__TakeSummary *t)
 {
-    printf("%-40s  %-10s  %u conditions%s%s\n", ls_clean(t->id), ls_clean(t->state),
-           t->conditions_planned, t->problem[0] ? "  DAMAGED: " : "", ls_clean(t->problem));
+    printf("%-40s  %-10s  ", ls_clean(t->id), ls_clean(t->state));
+    if (t->problem[0])
+        printf("%s\n", ls_clean(t->problem));
+    else
+        printf("%u conditions\n", t->conditions_planned);
 }
 
 static int receive_list(struct ls_command_context *context, uint32_t request, json_t *takes)

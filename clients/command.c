@@ -4,6 +4,7 @@
 
 #include <errno.h>
 #include <fcntl.h>
+#include <limits.h>
 #include <stdarg.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -30,7 +31,7 @@ int ls_command_option(struct ls_command_context *context, const struct ls_comman
     }
     if (option == LS_OPTION_HELP) {
         print_usage(command, stdout);
-        exit(LS_EXIT_OK);
+        exit(ls_command_end(LS_EXIT_OK));
     }
     if (option == '?')
         print_usage(command, stderr);
@@ -56,6 +57,13 @@ int ls_command_wrong(const char *fmt, ...)
     va_end(args);
     fputc('\n', stderr);
     return LS_EXIT_USAGE;
+}
+
+int ls_command_end(int code)
+{
+    bool said = fflush(stdout) == 0 && !ferror(stdout);
+    return said || code != LS_EXIT_OK ? code
+                                      : ls_command_wrong("standard output: cannot be written");
 }
 
 static int exit_of_number(uint32_t number)
@@ -157,20 +165,66 @@ static bool write_all(int fd, const uint8_t *bytes, size_t n)
     return true;
 }
 
+/* Devices and pipes: there is nothing to replace. */
+static enum ls_err write_through(const char *path, const void *bytes, size_t n,
+                                 struct ls_diag *diag)
+{
+    int fd = open(path, O_WRONLY | O_CLOEXEC);
+    bool ok = fd >= 0 && write_all(fd, bytes, n);
+    int reason = errno;
+    if (fd >= 0 && close(fd) && ok) {
+        ok = false;
+        reason = errno;
+    }
+    return ok ? LS_OK : ls_fail(diag, LS_ERR_INVALID, "%s: %s", path, strerror(reason));
+}
+
+/* What open(2) would have given a new file; a replaced one keeps its own. */
+static mode_t new_file_mode(void)
+{
+    mode_t mask = umask(0);
+    umask(mask);
+    return 0666 & ~mask;
+}
+
+static enum ls_err replace(const char *path, mode_t mode, const void *bytes, size_t n,
+                           struct ls_diag *diag)
+{
+    char beside[PATH_MAX];
+    if (snprintf(beside, sizeof beside, "%s.XXXXXX", path) >= (int)sizeof beside)
+        return ls_fail(diag, LS_ERR_INVALID, "%s: the path is too long", path);
+    int fd = mkostemp(beside, O_CLOEXEC);
+    if (fd < 0)
+        return ls_fail(diag, LS_ERR_INVALID, "%s: %s", path, strerror(errno));
+    bool ok = write_all(fd, bytes, n) && fchmod(fd, mode) == 0;
+    int reason = errno;
+    if (close(fd) && ok) {
+        ok = false;
+        reason = errno;
+    }
+    if (ok && rename(beside, path) == 0)
+        return LS_OK;
+    reason = ok ? errno : reason;
+    unlink(beside);
+    return ls_fail(diag, LS_ERR_INVALID, "%s: %s", path, strerror(reason));
+}
+
 enum ls_err ls_command_write_file(const char *path, const void *bytes, size_t n,
                                   struct ls_diag *diag)
 {
-    char beside[4096];
-    if (snprintf(beside, sizeof beside, "%s.part", path) >= (int)sizeof beside)
-        return ls_fail(diag, LS_ERR_INVALID, "%s: the path is too long", path);
-    int fd = open(beside, O_WRONLY | O_CREAT | O_TRUNC | O_CLOEXEC, 0666);
-    if (fd < 0)
-        return ls_fail(diag, LS_ERR_INVALID, "%s: %s", path, strerror(errno));
-    bool ok = write_all(fd, bytes, n);
-    ok = close(fd) == 0 && ok;
-    if (ok && rename(beside, path) == 0)
-        return LS_OK;
-    enum ls_err err = ls_fail(diag, LS_ERR_INVALID, "%s: %s", path, strerror(errno));
-    unlink(beside);
-    return err;
+    struct stat info;
+    char target[PATH_MAX];
+    if (lstat(path, &info))
+        return errno == ENOENT ? replace(path, new_file_mode(), bytes, n, diag)
+                               : ls_fail(diag, LS_ERR_INVALID, "%s: %s", path, strerror(errno));
+    if (S_ISLNK(info.st_mode)) {
+        if (!realpath(path, target) || lstat(target, &info))
+            return ls_fail(diag, LS_ERR_INVALID, "%s: a link to nothing that can be written: %s",
+                           path, strerror(errno));
+        path = target;
+    }
+    if (S_ISDIR(info.st_mode))
+        return ls_fail(diag, LS_ERR_INVALID, "%s: %s", path, strerror(EISDIR));
+    return S_ISREG(info.st_mode) ? replace(path, info.st_mode & 07777, bytes, n, diag)
+                                 : write_through(path, bytes, n, diag);
 }

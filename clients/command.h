@@ -67,6 +67,9 @@ bool ls_command_arguments(const struct ls_command *command, int argc, int n);
 /** Print "lightstagectl: sentence" and return LS_EXIT_USAGE. */
 int ls_command_wrong(const char *fmt, ...) LS_PRINTF(1, 2);
 
+/** Before the process ends with @code: a success that could not be said is none (LS_EXIT_USAGE). */
+int ls_command_end(int code);
+
 /** Connect if that has not been done. LS_EXIT_OK, or the sentence printed and its exit code. */
 int ls_command_connect(struct ls_command_context *context);
 
@@ -88,7 +91,11 @@ const char *ls_clean(char *text);
 LS_MUST_CHECK enum ls_err ls_command_read_file(const char *path, size_t limit, char **bytes,
                                                size_t *n, struct ls_diag *diag);
 
-/** Write a whole file: beside it first, then renamed over it. */
+/**
+ * Write a whole file. A regular file, or none: written beside it under a name of its own, then
+ * renamed over it, so that there is never half a file. A link: what it points at. Anything else (a
+ * pipe, a device): written into.
+ */
 LS_MUST_CHECK enum ls_err ls_command_write_file(const char *path, const void *bytes, size_t n,
                                                 struct ls_diag *diag);
 

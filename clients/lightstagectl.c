@@ -33,6 +33,22 @@ static void print_help(FILE *out)
           out);
 }
 
+/* "take --help": print the commands of a first word; false if there are none. */
+static bool print_family(const char *word)
+{
+    size_t n = strlen(word);
+    bool any = false;
+    for (size_t i = 0; i < N_COMMANDS; i++) {
+        if (strncmp(commands[i]->name, word, n) != 0 || commands[i]->name[n] != ' ')
+            continue;
+        if (!any)
+            printf("usage: lightstagectl %s COMMAND [ARGUMENTS]\n\n", word);
+        any = true;
+        printf("  %-12s  %s\n", commands[i]->name, commands[i]->summary);
+    }
+    return any;
+}
+
 /* A command's name is one word or two. Returns how many of @argv it takes, 0 = none. */
 static int match(const struct ls_command *command, int argc, char **argv)
 {
@@ -55,13 +71,15 @@ static int run(struct ls_command_context *context, int argc, char **argv)
         optind = 0; /* getopt starts anew, at the word after the name */
         return commands[i]->run(context, argc - words + 1, argv + words - 1);
     }
+    if (argc > 1 && strcmp(argv[1], "--help") == 0 && print_family(argv[0]))
+        return LS_EXIT_OK;
     ls_command_wrong("%s%s%s: no such command; --help lists them", argv[0],
                      argc > 1 && strcmp(argv[0], "take") == 0 ? " " : "",
                      argc > 1 && strcmp(argv[0], "take") == 0 ? argv[1] : "");
     return LS_EXIT_USAGE;
 }
 
-int main(int argc, char **argv)
+static int command_line(int argc, char **argv)
 {
     static const struct option options[] = {{"version", no_argument, NULL, 'v'},
                                             LS_COMMON_OPTIONS};
@@ -93,7 +111,10 @@ int main(int argc, char **argv)
     }
     int code = run(&context, argc - optind, argv + optind);
     ls_connection_close(context.connection);
-    if (fflush(stdout) && code == LS_EXIT_OK)
-        return ls_command_wrong("standard output: cannot be written");
     return code;
+}
+
+int main(int argc, char **argv)
+{
+    return ls_command_end(command_line(argc, argv));
 }

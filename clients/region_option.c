@@ -31,19 +31,29 @@ bool ls_region_option(const char *text, Lightstage__Region *out)
     return *text == '\0' && out->width > 0 && out->height > 0;
 }
 
-static bool add_range(uint32_t first, uint32_t last, uint32_t limit, uint32_t *out, size_t *n)
+bool ls_camera_option(const char *text, uint32_t *out)
 {
-    if (first > last || last >= limit || *n + (last - first) >= limit)
+    return next_number(&text, out) && *text == '\0';
+}
+
+static bool add_range(uint32_t first, uint32_t last, uint32_t limit, bool *named, uint32_t *out,
+                      size_t *n)
+{
+    if (first > last || last >= limit)
         return false;
-    for (uint32_t i = first; i <= last; i++)
-        out[(*n)++] = i;
+    for (uint32_t i = first; i <= last; i++) {
+        if (!named[i])
+            out[(*n)++] = i;
+        named[i] = true;
+    }
     return true;
 }
 
 bool ls_lights_option(const char *text, uint32_t limit, uint32_t **out, size_t *n)
 {
     uint32_t *lights = calloc(limit, sizeof *lights);
-    bool ok = lights != NULL;
+    bool *named = calloc(limit, sizeof *named);
+    bool ok = lights && named;
     *n = 0;
     for (bool more = true; ok && more;) {
         uint32_t first, last;
@@ -51,10 +61,11 @@ bool ls_lights_option(const char *text, uint32_t limit, uint32_t **out, size_t *
         last = first;
         if (ok && *text == '-')
             ok = next_number((text++, &text), &last);
-        ok = ok && add_range(first, last, limit, lights, n);
+        ok = ok && add_range(first, last, limit, named, lights, n);
         more = *text == ',';
         text += more;
     }
+    free(named);
     if (!ok || *text != '\0') {
         free(lights);
         return false;

@@ -14,7 +14,11 @@
 /** "X,Y,WIDTH,HEIGHT", width and height at least 1. */
 bool ls_region_option(const char *text, Lightstage__Region *out);
 
-/** "0,5,7-9": numbers and ranges below @limit. *out: (transfer full). */
+/** The number of a camera, from 0. */
+bool ls_camera_option(const char *text, uint32_t *out);
+
+/** "0,5,7-9": numbers and ranges below @limit, each light once however often it is named, in the
+ * order of its first naming. *out: (transfer full). */
 bool ls_lights_option(const char *text, uint32_t limit, uint32_t **out, size_t *n);
 
 #endif

@@ -112,9 +112,15 @@ static void copy_date(const json_t *doc, char out[40])
                  v[3], v[4], v[5]);
 }
 
-static enum ls_err read_camera(struct ls_take_document *d, const json_t *rig, struct ls_diag *diag)
+static enum ls_err read_camera(struct ls_take_document *d, const json_t *rig, uint32_t camera,
+                               struct ls_diag *diag)
 {
-    const json_t *item = json_array_get(json_object_get(rig, "cameras"), 0);
+    const json_t *cameras = json_object_get(rig, "cameras");
+    const json_t *item = json_array_get(cameras, camera);
+    size_t n = json_array_size(cameras);
+    if (n > 0 && camera >= n)
+        return ls_fail(diag, LS_ERR_INVALID, "camera %u: the take has cameras 0 to %zu", camera,
+                       n - 1);
     const char *name = json_string_value(json_object_get(item, "pixel_format"));
     const struct ls_pixel_format *format = name ? ls_pixel_by_name(name) : NULL;
     if (!format)
@@ -149,7 +155,7 @@ static enum ls_err read_calibration(struct ls_take_document *d, const json_t *do
     return err;
 }
 
-static enum ls_err read_document(struct ls_take_document *d, const json_t *doc,
+static enum ls_err read_document(struct ls_take_document *d, const json_t *doc, uint32_t camera,
                                  struct ls_diag *diag)
 {
     const json_t *rig = json_object_get(doc, "rig");
@@ -162,22 +168,23 @@ static enum ls_err read_document(struct ls_take_document *d, const json_t *doc,
     if (!err)
         err = read_channels(d, rig, diag);
     if (!err)
-        err = read_camera(d, rig, diag);
+        err = read_camera(d, rig, camera, diag);
     if (!err)
         err = read_calibration(d, doc, diag);
     read_conditions(d, doc);
     return err;
 }
 
-enum ls_err ls_take_document_parse(const char *text, size_t n, struct ls_take_document **out,
-                                   struct ls_diag *diag)
+enum ls_err ls_take_document_parse(const char *text, size_t n, uint32_t camera,
+                                   struct ls_take_document **out, struct ls_diag *diag)
 {
     json_error_t error;
     json_t *doc = json_loadb(text, n, JSON_REJECT_DUPLICATES, &error);
     if (!doc)
         return ls_fail(diag, LS_ERR_INVALID, "take.json:%d: %s", error.line, error.text);
     struct ls_take_document *d = calloc(1, sizeof *d);
-    enum ls_err err = d ? read_document(d, doc, diag) : ls_fail(diag, LS_ERR_NOMEM, "out of memory");
+    enum ls_err err =
+        d ? read_document(d, doc, camera, diag) : ls_fail(diag, LS_ERR_NOMEM, "out of memory");
     json_decref(doc);
     if (err)
         ls_take_document_destroy(d);
@@ -186,7 +193,7 @@ enum ls_err ls_take_document_parse(const char *text, size_t n, struct ls_take_do
     return err;
 }
 
-int ls_take_document_get(struct ls_command_context *context, const char *take,
+int ls_take_document_get(struct ls_command_context *context, const char *take, uint32_t camera,
                          struct ls_take_document **out)
 {
     Lightstage__TakeShow body = LIGHTSTAGE__TAKE_SHOW__INIT;
@@ -195,8 +202,8 @@ int ls_take_document_get(struct ls_command_context *context, const char *take,
     int code = ls_command_call(context, LS_MESSAGE_TAKE_SHOW, &body.base, NULL, 0, &reply);
     if (code)
         return code;
-    enum ls_err err = ls_take_document_parse((const char *)reply.payload, reply.payload_bytes, out,
-                                             &context->diag);
+    enum ls_err err = ls_take_document_parse((const char *)reply.payload, reply.payload_bytes,
+                                             camera, out, &context->diag);
     ls_reply_finish(&reply);
     if (err)
         return ls_command_failed(context, err);

@@ -36,12 +36,14 @@ struct ls_take_document {
     struct ls_calibration *calibration; /* NULL: the take has none */
 };
 
-/** Ask the daemon. LS_EXIT_OK, or printed and its exit code. *out: (transfer full). */
-int ls_take_document_get(struct ls_command_context *context, const char *take,
+/** Ask the daemon; @camera: whose facts are wanted. LS_EXIT_OK, or printed and its exit code. *out:
+ * (transfer full). */
+int ls_take_document_get(struct ls_command_context *context, const char *take, uint32_t camera,
                          struct ls_take_document **out);
 
-/** Parse take.json. Errors: LS_ERR_INVALID naming the key; those of ls_calibration_parse. */
+/** Parse take.json. Errors: LS_ERR_INVALID naming the key, or the cameras there are; those of ls_calibration_parse. */
 LS_MUST_CHECK enum ls_err ls_take_document_parse(const char *text, size_t n,
+                                                 uint32_t camera,
                                                  struct ls_take_document **out,
                                                  struct ls_diag *diag);
 

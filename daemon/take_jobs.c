@@ -62,7 +62,7 @@ static void fill_line(Lightstage__TakeSummary *out, struct ls_take_summary *in)
     lightstage__take_summary__init(out);
     out->id = in->id;
     out->name = in->name;
-    out->state = (char *)ls_store_state_name(in->state);
+    out->state = (char *)(in->damage[0] ? "damaged" : ls_store_state_name(in->state));
     out->conditions_planned = in->conditions_planned;
     out->problem = in->damage;
 }

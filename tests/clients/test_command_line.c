@@ -1,4 +1,6 @@
 /* lightstagectl: wrong command lines, and the way to and from a daemon, run as its own process. */
+#include "core/exr.h"
+#include "core/half.h"
 #include "tests/daemon/server_fixture.h"
 #include "tests/daemon/take_fixture.h"
 
@@ -6,6 +8,7 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/stat.h>
 #include <sys/wait.h>
 #include <unistd.h>
 
@@ -75,6 +78,10 @@ static void wrong_command_lines_end_with_2_and_a_sentence(void)
         {"fetch x --channel W --output p --region 1,2,3", "X,Y,WIDTH,HEIGHT"},
         {"fetch x --channel W --output p --region 1,2,3,0", "X,Y,WIDTH,HEIGHT"},
         {"fetch x --channel W --output p --layout blue", "mosaic or rgb"},
+        {"fetch x --channel W --output p --camera left", "the number of a camera"},
+        {"fetch x --channel W --output p --full-sphere --lights 0", "leave out --lights"},
+        {"relight x y --output z --camera -1", "the number of a camera"},
+        {"nonsense --help", "no such command"},
         {"relight x", "1 arguments, expected 2"},
         {"relight x y", "--output FILE.exr or --png FILE.png is needed"},
         {"relight x y --output z --solve magic", "spectral or tristimulus"},
@@ -95,6 +102,22 @@ static void every_command_explains_itself(void)
     for (size_t i = 0; i < G_N_ELEMENTS(names); i++) {
         char *line = g_strdup_printf("%s --help", names[i]);
         expect("x", line, 0, names[i]);
+        g_free(line);
+    }
+    expect("x", "take --help", 0, "take resume");
+}
+
+static void an_answer_nobody_can_read_is_no_success(void)
+{
+    static const char *const lines[] = {"--help", "--version", "fetch --help", "take --help"};
+    for (size_t i = 0; i < G_N_ELEMENTS(lines); i++) {
+        char *line = g_strdup_printf("sh -c '$LIGHTSTAGECTL %s >&-'", lines[i]), *err = NULL;
+        int status = 0;
+        g_assert_true(g_spawn_command_line_sync(line, NULL, &err, &status, NULL));
+        g_assert_true(WIFEXITED(status));
+        g_assert_cmpint(WEXITSTATUS(status), ==, 2);
+        g_assert_nonnull(strstr(err, "standard output: cannot be written"));
+        g_free(err);
         g_free(line);
     }
 }
@@ -315,6 +338,162 @@ static void a_take_is_fetched_and_relit_from_the_command_line(struct stage *stag
     made_take_free(take);
 }
 
+static void a_light_named_twice_is_fetched_once(struct stage *stage, gconstpointer data)
+{
+    struct made_take *take = make_take(stage->storage, true, -1);
+    char *line = g_strdup_printf("fetch %s --channel W --lights 2,0-2,2 --output %s/f", take->id,
+                                 stage->folder);
+    expect(stage->socket_path, line, 0, "3 pictures");
+    g_free(line);
+    made_take_free(take);
+}
+
+static void a_damaged_take_is_listed_as_damaged(struct stage *stage, gconstpointer data)
+{
+    struct made_take *take = make_take(stage->storage, true, -1);
+    char *path = g_build_filename(stage->storage, take->id, "take.json", NULL);
+    g_assert_true(g_file_set_contents(path, "{\"format\":", -1, NULL));
+    struct outcome outcome = run(stage->socket_path, "take list");
+    g_assert_cmpint(outcome.code, ==, 0);
+    g_assert_nonnull(strstr(outcome.out, "  damaged "));
+    g_assert_nonnull(strstr(outcome.out, "take.json"));
+    g_assert_null(strstr(outcome.out, "failed"));
+    g_assert_null(strstr(outcome.out, "0 conditions"));
+    outcome_free(&outcome);
+    expect(stage->socket_path, "take list --json", 0, "\"state\": \"damaged\"");
+    g_free(path);
+    made_take_free(take);
+}
+
+/* The stored values of a fetched estimate. */
+static struct ls_exr_plane a_plane(const char *path)
+{
+    char *bytes = NULL;
+    gsize n = 0;
+    struct ls_exr_plane plane;
+    g_assert_true(g_file_get_contents(path, &bytes, &n, NULL));
+    g_assert_cmpint(ls_exr_read_plane(bytes, n, NULL, SIZE_MAX, &plane, NULL), ==, LS_OK);
+    g_assert_cmpuint(plane.width, ==, TAKE_W);
+    g_assert_cmpuint(plane.height, ==, TAKE_H);
+    g_assert_cmpint(plane.type, ==, LS_EXR_HALF);
+    g_free(bytes);
+    return plane;
+}
+
+/* Camera 1 shows light i + 1 where camera 0 shows light i. */
+static void the_camera_is_the_one_that_was_named(struct stage *stage, gconstpointer data)
+{
+    static const char weights[] = "{\"W\": [1, 0, 0, 0, 0, 0, 0]}";
+    struct made_take *take = make_take_of_two_cameras(stage->storage);
+    char *file = g_build_filename(stage->folder, "weights.json", NULL);
+    g_assert_true(g_file_set_contents(file, weights, -1, NULL));
+    for (int camera = 0; camera < 2; camera++) {
+        char *line = g_strdup_printf("fetch %s --channel W --lights 3 --half --estimate "
+                                     "--camera %d --output %s/c%d",
+                                     take->id, camera, stage->folder, camera);
+        char *path = g_strdup_printf("%s/c%d.0004.exr", stage->folder, camera);
+        expect(stage->socket_path, line, 0, "1 pictures");
+        struct ls_exr_plane plane = a_plane(path);
+        for (int p = 0; p < TAKE_PIXELS; p++)
+            g_assert_cmpfloat(ls_half_to_float(((const uint16_t *)plane.samples)[p]), ==,
+                              take->light[3 + camera][p]);
+        free(plane.samples);
+        g_free(path);
+        g_free(line);
+        line = g_strdup_printf("relight %s --weights %s --camera %d --output %s/r%d.exr", take->id,
+                               file, camera, stage->folder, camera);
+        expect(stage->socket_path, line, 0, "1 lights used");
+        g_free(line);
+    }
+    char *a = NULL, *b = NULL, *names[2];
+    gsize n_a, n_b;
+    for (int camera = 0; camera < 2; camera++)
+        names[camera] = g_strdup_printf("%s/r%d.exr", stage->folder, camera);
+    g_assert_true(g_file_get_contents(names[0], &a, &n_a, NULL));
+    g_assert_true(g_file_get_contents(names[1], &b, &n_b, NULL));
+    g_assert_true(n_a != n_b || memcmp(a, b, n_a) != 0);
+    char *line = g_strdup_printf("fetch %s --channel W --camera 2 --output %s/x", take->id,
+                                 stage->folder);
+    expect(stage->socket_path, line, 2, "the take has cameras 0 to 1");
+    for (int camera = 0; camera < 2; camera++)
+        g_free(names[camera]);
+    g_free(line);
+    g_free(a);
+    g_free(b);
+    g_free(file);
+    made_take_free(take);
+}
+
+/* ---- where pictures are written to ---- */
+
+static gpointer read_all(gpointer path)
+{
+    char *bytes = NULL;
+    gsize n = 0;
+    g_assert_true(g_file_get_contents(path, &bytes, &n, NULL));
+    return g_bytes_new_take(bytes, n);
+}
+
+static char *relight_line(const struct stage *stage, const struct made_take *take,
+                          const char *output)
+{
+    char *file = g_build_filename(stage->folder, "weights.json", NULL);
+    g_assert_true(g_file_set_contents(file, "{\"W\": [1, 0, 0, 0, 0, 0, 0]}", -1, NULL));
+    char *line = g_strdup_printf("relight %s --weights %s --output %s", take->id, file, output);
+    g_free(file);
+    return line;
+}
+
+static void a_pipe_is_written_into_and_stays_a_pipe(struct stage *stage, gconstpointer data)
+{
+    struct made_take *take = make_take(stage->storage, true, -1);
+    char *fifo = g_build_filename(stage->folder, "fifo", NULL);
+    char *line = relight_line(stage, take, fifo);
+    struct stat info;
+    g_assert_cmpint(mkfifo(fifo, 0600), ==, 0);
+    GThread *reader = g_thread_new("reader", read_all, fifo);
+    expect(stage->socket_path, line, 0, "1 lights used");
+    GBytes *got = g_thread_join(reader);
+    g_assert_cmpuint(g_bytes_get_size(got), >, 1000);
+    g_assert_cmpmem(g_bytes_get_data(got, NULL), 4, "\x76\x2f\x31\x01", 4); /* OpenEXR's magic */
+    g_assert_cmpint(lstat(fifo, &info), ==, 0);
+    g_assert_true(S_ISFIFO(info.st_mode));
+    g_bytes_unref(got);
+    g_free(line);
+    g_free(fifo);
+    made_take_free(take);
+}
+
+static void a_link_stays_and_its_target_is_written(struct stage *stage, gconstpointer data)
+{
+    struct made_take *take = make_take(stage->storage, true, -1);
+    char *link = g_build_filename(stage->folder, "link.exr", NULL);
+    char *target = g_build_filename(stage->folder, "target.exr", NULL);
+    char *part = g_build_filename(stage->folder, "target.exr.part", NULL), *text = NULL;
+    char *line = relight_line(stage, take, link);
+    struct stat info;
+    g_assert_true(g_file_set_contents(target, "old", -1, NULL));
+    g_assert_true(g_file_set_contents(part, "somebody's", -1, NULL));
+    g_assert_cmpint(chmod(target, 0640), ==, 0);
+    g_assert_cmpint(symlink("target.exr", link), ==, 0);
+    expect(stage->socket_path, line, 0, "1 lights used");
+    g_assert_cmpint(lstat(link, &info), ==, 0);
+    g_assert_true(S_ISLNK(info.st_mode));
+    g_assert_cmpint(lstat(target, &info), ==, 0);
+    g_assert_true(S_ISREG(info.st_mode) && info.st_size > 1000);
+    g_assert_cmpint(info.st_mode & 07777, ==, 0640);
+    g_assert_true(g_file_get_contents(part, &text, NULL, NULL));
+    g_assert_cmpstr(text, ==, "somebody's");
+    g_assert_cmpint(unlink(target), ==, 0);
+    expect(stage->socket_path, line, 2, "a link to nothing");
+    g_free(text);
+    g_free(line);
+    g_free(part);
+    g_free(target);
+    g_free(link);
+    made_take_free(take);
+}
+
 #define ADD(name, function) \
     g_test_add("/lightstagectl/" name, struct stage, NULL, with_stage, function, end_stage)
 
@@ -328,6 +507,8 @@ int main(int argc, char **argv)
     g_test_add_func("/lightstagectl/wrong-command-lines-end-with-2-and-a-sentence",
                     wrong_command_lines_end_with_2_and_a_sentence);
     g_test_add_func("/lightstagectl/every-command-explains-itself", every_command_explains_itself);
+    g_test_add_func("/lightstagectl/an-answer-nobody-can-read-is-no-success",
+                    an_answer_nobody_can_read_is_no_success);
     g_test_add_func("/lightstagectl/no-daemon-ends-with-3", no_daemon_ends_with_3);
     ADD("reading-commands-speak-json", reading_commands_speak_json);
     ADD("refusals-end-with-their-class", refusals_end_with_their_class);
@@ -338,5 +519,10 @@ int main(int argc, char **argv)
     ADD("a-lost-connection-leaves-the-take-running", a_lost_connection_leaves_the_take_running);
     ADD("a-take-is-fetched-and-relit-from-the-command-line",
         a_take_is_fetched_and_relit_from_the_command_line);
+    ADD("a-light-named-twice-is-fetched-once", a_light_named_twice_is_fetched_once);
+    ADD("a-damaged-take-is-listed-as-damaged", a_damaged_take_is_listed_as_damaged);
+    ADD("the-camera-is-the-one-that-was-named", the_camera_is_the_one_that_was_named);
+    ADD("a-pipe-is-written-into-and-stays-a-pipe", a_pipe_is_written_into_and_stays_a_pipe);
+    ADD("a-link-stays-and-its-target-is-written", a_link_stays_and_its_target_is_written);
     return g_test_run();
 }

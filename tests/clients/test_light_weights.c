@@ -11,8 +11,8 @@ static struct ls_take_document *a_document(bool calibrated)
     struct ls_calibration *cal = made_calibration();
     struct ls_take_document *document = NULL;
     struct ls_diag diag = {0};
-    char *text = take_json_text(calibrated ? cal : NULL);
-    enum ls_err err = ls_take_document_parse(text, strlen(text), &document, &diag);
+    char *text = take_json_text(calibrated ? cal : NULL, 1);
+    enum ls_err err = ls_take_document_parse(text, strlen(text), 0, &document, &diag);
     g_assert_cmpstr(diag.text, ==, "");
     g_assert_cmpint(err, ==, LS_OK);
     ls_calibration_destroy(cal);
@@ -194,6 +194,47 @@ static void the_light_comes_from_where_the_map_has_it(void)
     ls_take_document_destroy(document);
 }
 
+/* Where the lights' own weights point, summed: the direction the light comes from. */
+static void direction_of_light(const struct ls_take_document *document, double turn_deg,
+                               double out[3])
+{
+    struct ls_environment_file map = constant_map(0, 0, 0);
+    struct ls_light_weights weights;
+    memset(out, 0, 3 * sizeof *out);
+    for (int y = 4; y < 12; y++)
+        for (int x = 14; x < 18; x++) /* u = 1/2: the middle, behind the subject, at -z */
+            for (int c = 0; c < 3; c++)
+                map.image.pixels[3 * (y * 32 + x) + c] = 1;
+    g_assert_cmpint(ls_light_weights_make(document, &map, true, turn_deg, &weights, NULL), ==,
+                    LS_OK);
+    for (uint32_t i = 0; i < weights.n_lights; i++)
+        for (int a = 0; a < 3; a++)
+            out[a] += (double)weights.rows[weights.n_lights + i] *
+                      (double)document->direction[i][a];
+    ls_light_weights_finish(&weights);
+    ls_environment_file_finish(&map);
+}
+
+/* Right-handed about y: (x, z) = r (sin a, -cos a) turned by +t is r (sin(a - t), -cos(a - t)), so
+ * 90 degrees bring the middle, -z, to -x. Seven cells are coarse: the nearest light is up to about
+ * 40 degrees away, the sign and the larger part must be right (cos 40 = 0.77). */
+static void a_positive_rotation_turns_the_middle_to_camera_left(void)
+{
+    static const struct {
+        double turn_deg, x, z;
+    } cases[] = {{0, 0, -1}, {90, -1, 0}, {180, 0, 1}, {270, 1, 0}, {-90, 1, 0}};
+    struct ls_take_document *document = a_document(true);
+    for (size_t i = 0; i < G_N_ELEMENTS(cases); i++) {
+        double d[3];
+        direction_of_light(document, cases[i].turn_deg, d);
+        double length = hypot(d[0], d[2]);
+        g_test_message("%g degrees: x %.3f z %.3f", cases[i].turn_deg, d[0] / length,
+                       d[2] / length);
+        g_assert_cmpfloat((d[0] * cases[i].x + d[2] * cases[i].z) / length, >, 0.77);
+    }
+    ls_take_document_destroy(document);
+}
+
 static void damaged_documents_are_refused_by_key(void)
 {
     static const char *const texts[] = {"",
@@ -205,8 +246,8 @@ static void damaged_documents_are_refused_by_key(void)
     for (size_t i = 0; i < G_N_ELEMENTS(texts); i++) {
         struct ls_take_document *document = NULL;
         struct ls_diag diag = {0};
-        g_assert_cmpint(ls_take_document_parse(texts[i], strlen(texts[i]), &document, &diag), ==,
-                        LS_ERR_INVALID);
+        g_assert_cmpint(ls_take_document_parse(texts[i], strlen(texts[i]), 0, &document, &diag),
+                        ==, LS_ERR_INVALID);
         g_assert_nonnull(strstr(diag.text, "take.json"));
     }
 }
@@ -227,6 +268,8 @@ int main(int argc, char **argv)
                     without_a_calibration_the_maps_numbers_are_used);
     g_test_add_func("/light-weights/light-comes-from-where-the-map-has-it",
                     the_light_comes_from_where_the_map_has_it);
+    g_test_add_func("/light-weights/a-positive-rotation-turns-the-middle-to-camera-left",
+                    a_positive_rotation_turns_the_middle_to_camera_left);
     g_test_add_func("/take-document/damaged-ones-are-refused-by-key",
                     damaged_documents_are_refused_by_key);
     return g_test_run();

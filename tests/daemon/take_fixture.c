@@ -183,7 +183,18 @@ static json_t *conditions_json(void)
     return list;
 }
 
-static json_t *rig_json(void)
+static json_t *cameras_json(uint32_t n)
+{
+    json_t *list = json_array();
+    for (uint32_t i = 0; i < n; i++)
+        json_array_append_new(
+            list, json_pack("{sssssisisfsfsf}", "name", i ? "side" : "front", "pixel_format",
+                            "BayerRG12", "width", TAKE_W, "height", TAKE_H, "full_scale_dn", 4095.0,
+                            "electrons_per_dn", 10.0, "read_noise_dn", 2.0));
+    return list;
+}
+
+static json_t *rig_json(uint32_t n_cameras)
 {
     struct ls_calibration *cal = made_calibration();
     json_t *positions = json_array();
@@ -192,15 +203,13 @@ static json_t *rig_json(void)
                                                    (double)cal->position_m[i][1],
                                                    (double)cal->position_m[i][2]));
     ls_calibration_destroy(cal);
-    return json_pack("{ss s{so} s[{ssss}{ssss}{ssss}] s[{sssssisisfsfsf}]}", "name", "test",
-                     "lights", "position_m", positions, "channels", "name", "W", "kind", "spectrum",
-                     "name", "R", "kind", "spectrum", "name", "V", "kind", "polariser", "cameras",
-                     "name", "front", "pixel_format", "BayerRG12", "width", TAKE_W, "height",
-                     TAKE_H, "full_scale_dn", 4095.0, "electrons_per_dn", 10.0, "read_noise_dn",
-                     2.0);
+    return json_pack("{ss s{so} s[{ssss}{ssss}{ssss}] so}", "name", "test", "lights", "position_m",
+                     positions, "channels", "name", "W", "kind", "spectrum", "name", "R", "kind",
+                     "spectrum", "name", "V", "kind", "polariser", "cameras",
+                     cameras_json(n_cameras));
 }
 
-char *take_json_text(const struct ls_calibration *calibration)
+char *take_json_text(const struct ls_calibration *calibration, uint32_t n_cameras)
 {
     char *cal_text = NULL;
     json_t *cal = json_null();
@@ -211,7 +220,7 @@ char *take_json_text(const struct ls_calibration *calibration)
     }
     json_t *doc = json_pack("{s{sssssoso} so s[ff] sf so}", "plan", "text", "x", "subject", "still",
                             "pulse_us", json_array(), "conditions", conditions_json(), "rig",
-                            rig_json(), "exposure_s", exposures_s[0], exposures_s[1],
+                            rig_json(n_cameras), "exposure_s", exposures_s[0], exposures_s[1],
                             "reference_exposure_s", reference_s, "calibration", cal);
     g_assert_nonnull(doc);
     char *text = json_dumps(doc, JSON_REAL_PRECISION(17));
@@ -244,20 +253,22 @@ static void make_pixels(struct made_take *take)
     g_rand_free(random);
 }
 
-static void publish(struct ls_store *store, const char *id, const float *pixels)
+static void publish(struct ls_store *store, uint32_t camera, const char *id, const float *pixels)
 {
     uint16_t *half = g_new(uint16_t, TAKE_PIXELS);
     ls_half_from_floats(pixels, half, TAKE_PIXELS);
     struct ls_store_picture picture = {.condition = id,
+                                       .camera = camera,
                                        .mosaic = {.width = TAKE_W, .height = TAKE_H, .half = half}};
     g_assert_cmpint(ls_store_publish(store, &picture, NULL), ==, LS_OK);
     g_free(half);
 }
 
-static void publish_dark(struct ls_store *store)
+static void publish_dark(struct ls_store *store, uint32_t camera)
 {
     float *dn = g_new0(float, TAKE_PIXELS);
     struct ls_store_picture picture = {.condition = "dark-0",
+                                       .camera = camera,
                                        .mosaic = {.width = TAKE_W, .height = TAKE_H, .floats = dn}};
     g_assert_cmpint(ls_store_publish(store, &picture, NULL), ==, LS_OK);
     g_free(dn);
@@ -271,21 +282,22 @@ static void ticket_all(struct ls_store *store, uint32_t n)
     }
 }
 
-static void publish_all(struct made_take *take, struct ls_store *store, int missing)
+static void publish_all(struct made_take *take, struct ls_store *store, uint32_t camera,
+                        int missing)
 {
-    ticket_all(store, TAKE_LIGHTS + 3);
-    publish_dark(store);
+    publish_dark(store, camera);
     for (int i = 0; i < TAKE_LIGHTS; i++) {
         char id[16];
         snprintf(id, sizeof id, "W-%04d", i);
         if (i != missing)
-            publish(store, id, take->light[i]);
+            publish(store, camera, id, take->light[(i + (int)camera) % TAKE_LIGHTS]);
     }
-    publish(store, "sphere-R", take->sphere_r);
-    publish(store, "sphere-W", take->light[0]);
+    publish(store, camera, "sphere-R", take->sphere_r);
+    publish(store, camera, "sphere-W", take->light[0]);
 }
 
-static void write_take(struct made_take *take, const char *storage, const char *json, int missing)
+static void write_take(struct made_take *take, const char *storage, const char *json,
+                       uint32_t n_cameras, int missing)
 {
     static const char *const conditions[] = {"dark-0", "W-0000", "W-0001", "W-0002",   "W-0003",
                                              "W-0004", "W-0005", "W-0006", "sphere-W", "sphere-R"};
@@ -295,7 +307,7 @@ static void write_take(struct made_take *take, const char *storage, const char *
                                            .name = "made",
                                            .take_json = json,
                                            .utc_s = 1767323045,
-                                           .n_cameras = 1,
+                                           .n_cameras = n_cameras,
                                            .n_shots = G_N_ELEMENTS(conditions),
                                            .conditions = conditions,
                                            .n_conditions = G_N_ELEMENTS(conditions),
@@ -306,12 +318,14 @@ static void write_take(struct made_take *take, const char *storage, const char *
     g_assert_cmpstr(diag.text, ==, "");
     g_assert_cmpint(err, ==, LS_OK);
     take->id = g_strdup(ls_store_id(store));
-    publish_all(take, store, missing);
+    ticket_all(store, TAKE_LIGHTS + 3);
+    for (uint32_t camera = 0; camera < n_cameras; camera++)
+        publish_all(take, store, camera, missing);
     g_assert_cmpint(ls_store_set_state(store, &end, &diag), ==, LS_OK);
     g_assert_cmpint(ls_store_close(store, &diag), ==, LS_OK);
 }
 
-struct made_take *make_take(const char *storage, bool calibrated, int missing)
+static struct made_take *make(const char *storage, bool calibrated, uint32_t n_cameras, int missing)
 {
     struct made_take *take = g_new0(struct made_take, 1);
     struct ls_calibration *cal = made_calibration();
@@ -320,14 +334,24 @@ struct made_take *make_take(const char *storage, bool calibrated, int missing)
             take->k[c][i] = calibrated ? (double)cal->k[c * TAKE_LIGHTS + i] : 1;
     take->scale = calibrated ? cal->scale / reference_s : 1;
     make_pixels(take);
-    char *json = take_json_text(calibrated ? cal : NULL);
-    write_take(take, storage, json, missing);
+    char *json = take_json_text(calibrated ? cal : NULL, n_cameras);
+    write_take(take, storage, json, n_cameras, missing);
     g_free(json);
     if (calibrated)
         take->calibration = cal;
     else
         ls_calibration_destroy(cal);
     return take;
+}
+
+struct made_take *make_take(const char *storage, bool calibrated, int missing)
+{
+    return make(storage, calibrated, 1, missing);
+}
+
+struct made_take *make_take_of_two_cameras(const char *storage)
+{
+    return make(storage, true, 2, -1);
 }
 
 void made_take_free(struct made_take *take)

@@ -30,10 +30,14 @@ struct made_take {
 /** Make it under @storage. @missing: a light that is not published, or -1. */
 struct made_take *make_take(const char *storage, bool calibrated, int missing);
 
+/** The same, complete, with a second camera whose picture of light i shows light i + 1 (the last:
+ * light 0). */
+struct made_take *make_take_of_two_cameras(const char *storage);
+
 void made_take_free(struct made_take *take);
 
 /** take.json of such a take. g_free. */
-char *take_json_text(const struct ls_calibration *calibration);
+char *take_json_text(const struct ls_calibration *calibration, uint32_t n_cameras);
 
 /** Gaussian spectra, a chart, L consistent with them. (transfer full). */
 struct ls_calibration *made_calibration(void);
