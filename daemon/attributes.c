@@ -6,6 +6,22 @@
 #include <math.h>
 #include <time.h>
 
+/* Two decimal digits as SMPTE 12M packs them. */
+static uint32_t bcd(int value)
+{
+    return (uint32_t)(value / 10 * 16 + value % 10);
+}
+
+static void add_lens(const struct ls_config_camera *camera, struct ls_exr_attrs *attrs)
+{
+    if (camera->lens)
+        ls_exr_attrs_string(attrs, "lensModel", camera->lens);
+    if (camera->aperture > 0)
+        ls_exr_attrs_float(attrs, "aperture", (float)camera->aperture);
+    if (camera->iso_speed > 0)
+        ls_exr_attrs_float(attrs, "isoSpeed", (float)camera->iso_speed);
+}
+
 static void add_standard(const struct ls_picture_facts *picture, struct ls_exr_attrs *attrs)
 {
     const struct ls_config_camera *camera = &picture->config->cameras[picture->camera];
@@ -18,6 +34,10 @@ static void add_standard(const struct ls_picture_facts *picture, struct ls_exr_a
     ls_world_to_camera(camera->position_m, camera->look_at_m, matrix);
     ls_exr_attrs_string(attrs, "capDate", date);
     ls_exr_attrs_float(attrs, "utcOffset", 0);
+    /* the take's wall time, to the second: frame 0 */
+    ls_exr_attrs_timecode(attrs, "timeCode",
+                          bcd(tm.tm_hour) << 24 | bcd(tm.tm_min) << 16 | bcd(tm.tm_sec) << 8, 0);
+    add_lens(camera, attrs);
     ls_exr_attrs_float(attrs, "expTime", (float)picture->longest_exposure_s);
     ls_exr_attrs_string(attrs, "cameraMake", picture->info->vendor);
     ls_exr_attrs_string(attrs, "cameraModel", picture->info->model);

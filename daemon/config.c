@@ -143,6 +143,9 @@ static void read_camera(struct ls_conf *list, const config_setting_t *group,
     if (ls_conf_numbers(&c, "look_at_m", v, 3, true))
         to_floats(v, out->look_at_m, 3);
     out->focal_length_mm = (float)ls_conf_need_number(&c, "focal_length_mm", 1, 2000);
+    out->lens = ls_conf_string(&c, "lens", NULL);
+    out->aperture = ls_conf_number(&c, "aperture", 0, 0, 1000);
+    out->iso_speed = ls_conf_number(&c, "iso_speed", 0, 0, 1e7);
     if (ls_conf_numbers(&c, "sensor_mm", v, 2, true)) {
         out->sensor_width_mm = (float)v[0];
         out->sensor_height_mm = (float)v[1];
@@ -322,6 +325,7 @@ void ls_config_destroy(struct ls_config *config)
     }
     for (uint32_t i = 0; i < config->n_cameras; i++) {
         free(config->cameras[i].name);
+        free(config->cameras[i].lens);
         free((char *)config->cameras[i].driver.driver);
         free((char *)config->cameras[i].driver.address);
         free((char *)config->cameras[i].driver.pixel_format);

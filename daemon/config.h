@@ -35,6 +35,8 @@ struct ls_config_camera {
     struct ls_camera_config driver; /* strings owned by the ls_config */
     float position_m[3], look_at_m[3];
     float focal_length_mm, sensor_width_mm, sensor_height_mm;
+    char *lens;                  /* for the files' attributes; NULL = not said */
+    double aperture, iso_speed;  /* the same; 0 = not said */
     float range_low, range_high; /* radiometrically linear range, of full scale: 0.10, 0.85 */
     double full_scale_dn;        /* clip value of the raw format */
     double black_dn;             /* nominal; darks measure it */

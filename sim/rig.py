@@ -180,6 +180,7 @@ cameras = ( {{ name = "front"; address = "{self.camera}";
     electrons_per_dn = {constants['electrons_per_dn']};
     read_noise_dn = {constants['read_noise_dn']};
     exposure_offset_us = {constants['exposure_offset_us']};
+    lens = "simulated"; aperture = 8; iso_speed = 100;
     {self.rig_camera_extra} }} );
 """)
 

@@ -17,6 +17,7 @@ STANDARD = {"capDate", "utcOffset", "cameraMake", "cameraModel", "cameraSerialNu
 EVERY = STANDARD | {"lightstage/take", "lightstage/calibration", "lightstage/conventions",
                     "lightstage/units"}
 PHOTOGRAPHED = EVERY | {"expTime", "lightstage/cfa", "lightstage/blackSubtracted"}
+STORED = {"timeCode", "lensModel", "aperture", "isoSpeed"}  # in the take's own files
 VALUED = {"lightstage/model", "lightstage/reference"}
 FIELD = PHOTOGRAPHED | VALUED | {"lightstage/gain", "lightstage/referenceExposure",
                                  "lightstage/channel"}
@@ -107,9 +108,10 @@ def test_every_picture_opens_in_other_programs_and_says_what_it_is(folder):
     expected = {}
     for path in glob.glob(os.path.join(files, "cam0", "*.exr")):
         name = os.path.basename(path)
-        expected[path] = (PHOTOGRAPHED if name.startswith("dark") else
-                          FIELD | {"lightstage/duty"} if name.startswith("sphere") else
-                          ONE | {"lightstage/duty"})
+        expected[path] = STORED | (
+            PHOTOGRAPHED if name.startswith("dark") else
+            FIELD | {"lightstage/duty"} if name.startswith("sphere") else
+            ONE | {"lightstage/duty"})
     assert len(expected) == 3 + 6 + 12
     out = rig.path("field")
     rig.control("fetch", take, "--channel", "W", "--lights", "0,11", "--output", out)
