@@ -24,7 +24,7 @@ import time
 
 import rig as stage
 
-BUILD = os.path.join(stage.ROOT, "build")
+BUILD = os.environ.get("LS_BUILD_ROOT") or os.path.join(stage.ROOT, "build")
 PROGRAMS = ["sim/lightstage-sim", "daemon/lightstaged", "clients/lightstagectl",
             "tests/lightstage-judge"]
 ENVIRONMENT = os.path.join(stage.ROOT, "sim", "environment.json")

@@ -77,9 +77,9 @@ def main():
     strict = ["--werror"] if suite == "ci" else []
     jobs = []
     if suite != "sanitize":
-        jobs.append(("build" if suite != "ci" else "build-ci", strict, "gcc", ["--no-suite=slow"]))
+        jobs.append(("build" if suite != "ci" else "build-ci", strict, "gcc", []))
     if suite in ("ci", "sanitize"):
-        jobs.append(("build-sanitize", SANITIZE + strict, "clang", ["--no-suite=slow", "--no-suite=integration"]))
+        jobs.append(("build-sanitize", SANITIZE + strict, "clang", ["--no-suite=integration"]))
         env["ASAN_OPTIONS"] = "detect_leaks=1"
         env["UBSAN_OPTIONS"] = "halt_on_error=1:print_stacktrace=1"
     total = [0, 0, 0]
