@@ -101,7 +101,9 @@ class Crowd:
         for _ in range(self.dice.randint(1, 8)):
             bit = self.dice.randrange(8 * len(data))
             data[bit // 8] ^= 1 << bit % 8
-        peer.send(bytes(data))
+        # one bit from TAKE_PROGRESS to TAKE_ABORT, from FETCH to BLANK: well said, and obeyed
+        if wire.HEADER.unpack_from(data)[2] not in (wire.TAKE_ABORT, wire.BLANK):
+            peer.send(bytes(data))
         peer.close()
 
     def wants_a_take_of_its_own(self):
