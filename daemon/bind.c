@@ -110,11 +110,6 @@ void ls_bind_arm(struct ls_bind *bind, uint32_t n_steps)
     bind->late_seen = false;
 }
 
-void ls_bind_tune(struct ls_bind *bind, const struct ls_bind_config *config)
-{
-    bind->config = *config;
-}
-
 void ls_bind_anchor(struct ls_bind *bind, const struct ls_camera_frame *frame)
 {
     bind->anchor = (struct anchor){

@@ -100,9 +100,6 @@ LS_MUST_CHECK enum ls_err ls_bind_create(const struct ls_bind_config *config, ui
  * (it lies before step 0 now). Flush undecided frames first. RT-safe. */
 void ls_bind_arm(struct ls_bind *bind, uint32_t n_steps);
 
-/** The window and its like for the next program. Call right after ls_bind_arm. RT-safe. */
-void ls_bind_tune(struct ls_bind *bind, const struct ls_bind_config *config);
-
 /** A frame whose place is known: it showed the pulse just before step 0. RT-safe. */
 void ls_bind_anchor(struct ls_bind *bind, const struct ls_camera_frame *frame);
 

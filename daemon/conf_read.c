@@ -105,26 +105,15 @@ double ls_conf_need_number(struct ls_conf *conf, const char *key, double min, do
     return number(conf, key, min, min, max, true);
 }
 
-static int64_t integer(struct ls_conf *conf, const char *key, int64_t fallback, int64_t min,
-                       int64_t max, bool needed)
+int64_t ls_conf_int(struct ls_conf *conf, const char *key, int64_t fallback, int64_t min,
+                    int64_t max)
 {
-    double v = number(conf, key, (double)fallback, (double)min, (double)max, needed);
+    double v = number(conf, key, (double)fallback, (double)min, (double)max, false);
     if (v != floor(v)) {
         ls_conf_error(conf, key, "%g: expected a whole number", v);
         return fallback;
     }
     return (int64_t)v;
-}
-
-int64_t ls_conf_int(struct ls_conf *conf, const char *key, int64_t fallback, int64_t min,
-                    int64_t max)
-{
-    return integer(conf, key, fallback, min, max, false);
-}
-
-int64_t ls_conf_need_int(struct ls_conf *conf, const char *key, int64_t min, int64_t max)
-{
-    return integer(conf, key, min, min, max, true);
 }
 
 bool ls_conf_bool(struct ls_conf *conf, const char *key, bool fallback)

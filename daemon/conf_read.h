@@ -44,7 +44,6 @@ double ls_conf_number(struct ls_conf *conf, const char *key, double fallback, do
 double ls_conf_need_number(struct ls_conf *conf, const char *key, double min, double max);
 int64_t ls_conf_int(struct ls_conf *conf, const char *key, int64_t fallback, int64_t min,
                     int64_t max);
-int64_t ls_conf_need_int(struct ls_conf *conf, const char *key, int64_t min, int64_t max);
 bool ls_conf_bool(struct ls_conf *conf, const char *key, bool fallback);
 /** NULL fallback is allowed; (transfer full), NULL on error or absence. */
 char *ls_conf_string(struct ls_conf *conf, const char *key, const char *fallback);

@@ -15,7 +15,6 @@ struct ls_ring {
     unsigned char *base;
     size_t stride, bytes;
     uint32_t n;
-    bool locked;
     _Atomic uint32_t queued;
     _Atomic unsigned char *state; /* enum ls_slot_state per slot */
 };
@@ -36,7 +35,7 @@ static enum ls_err map(struct ls_ring *ring, struct ls_diag *diag)
         return ls_fail(diag, LS_ERR_OS, "ring: mmap of %zu bytes: %s", ring->bytes,
                        strerror(errno));
     ring->base = base;
-    ring->locked = mlock(base, ring->bytes) == 0;
+    (void)mlock(base, ring->bytes); /* without the privilege it stays pageable */
     return LS_OK;
 }
 
@@ -69,11 +68,6 @@ enum ls_err ls_ring_create(uint32_t n_slots, size_t payload_bytes, struct ls_rin
 struct ls_camera_slots ls_ring_slots(const struct ls_ring *ring)
 {
     return (struct ls_camera_slots){.base = ring->base, .stride = ring->stride, .n = ring->n};
-}
-
-bool ls_ring_locked(const struct ls_ring *ring)
-{
-    return ring->locked;
 }
 
 const void *ls_ring_payload(const struct ls_ring *ring, uint32_t slot)

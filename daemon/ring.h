@@ -36,9 +36,6 @@ LS_MUST_CHECK enum ls_err ls_ring_create(uint32_t n_slots, size_t payload_bytes,
 /** The slots, as ls_camera_start wants them. (transfer none). */
 struct ls_camera_slots ls_ring_slots(const struct ls_ring *ring);
 
-/** Is it locked in memory? RT-safe. */
-bool ls_ring_locked(const struct ls_ring *ring);
-
 /** Start of a slot. RT-safe. */
 const void *ls_ring_payload(const struct ls_ring *ring, uint32_t slot);
 
