@@ -257,6 +257,11 @@ struct ls_camera_residuals ls_camera_thread_residuals(const struct ls_camera_thr
     return thread->residuals;
 }
 
+struct ls_clock ls_camera_thread_clock(const struct ls_camera_thread *thread)
+{
+    return thread->config.clock;
+}
+
 void ls_camera_thread_destroy(struct ls_camera_thread *thread)
 {
     if (!thread)

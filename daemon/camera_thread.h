@@ -108,6 +108,10 @@ void ls_camera_thread_stop(struct ls_camera_thread *thread);
 /** After stop. */
 struct ls_camera_residuals ls_camera_thread_residuals(const struct ls_camera_thread *thread);
 
+/** The camera's clock against the controller's in ns, as last fitted; no pairs of a camera bound by
+ * order. After stop. */
+struct ls_clock ls_camera_thread_clock(const struct ls_camera_thread *thread);
+
 /** Stops first. NULL is allowed. */
 void ls_camera_thread_destroy(struct ls_camera_thread *thread);
 

@@ -1,6 +1,7 @@
 #include "daemon/capture.h"
 
 #include "daemon/camera_thread.h"
+#include "daemon/findings.h"
 #include "daemon/merge_stage.h"
 #include "daemon/passes.h"
 #include "daemon/realtime.h"
@@ -142,6 +143,7 @@ static void describe(struct ls_capture *c)
     c->warm_up.settle_us = plan->settle_us;
     c->warm_up.patience_us = c->sequencer.patience_us = c->patience_us;
     c->warm_up.abort = c->sequencer.abort = &c->abort;
+    c->sequencer.controller = &c->warm_up.controller;
     c->sequencer.stepwise = c->stepwise;
     c->sequencer.live = plan->subject == LS_SUBJECT_LIVE;
     c->sequencer.stall_us = STALL_US + longest_step_us(plan);
@@ -317,15 +319,16 @@ static void wind_down(struct ls_capture *c)
 
 /* ---- passes ---- */
 
-enum phase { DARKS, LIGHTS };
+enum phase { DARKS, LIGHTS }; /* lights: with the watches between them */
 
 static uint32_t find_wanted(struct ls_capture *c, enum phase phase)
 {
     const struct ls_plan *plan = c->setup.plan;
     uint32_t n = 0;
     for (uint32_t i = 0; i < plan->n_steps; i++) {
-        bool dark = plan->conditions[plan->steps[i].condition].dark;
-        c->wanted[i] = dark == (phase == DARKS) && ls_merge_stage_wants(c->merge, i);
+        const struct ls_plan_condition *of = &plan->conditions[plan->steps[i].condition];
+        bool first = of->dark && !of->watch;
+        c->wanted[i] = first == (phase == DARKS) && ls_merge_stage_wants(c->merge, i);
         n += c->wanted[i];
     }
     return n;
@@ -586,6 +589,23 @@ enum ls_err ls_capture_run(struct ls_capture *capture, struct ls_capture_report 
 void ls_capture_abort(struct ls_capture *capture)
 {
     atomic_store(&capture->abort, true);
+}
+
+void ls_capture_findings(const struct ls_capture *capture, struct ls_findings *out)
+{
+    const struct ls_clock *controller = &capture->warm_up.controller;
+    *out = (struct ls_findings){.n_cameras = capture->n_cameras,
+                                .n_exposures = capture->setup.plan->n_exposures,
+                                .controller = ls_find_controller(controller)};
+    for (uint32_t i = 0; i < capture->n_cameras; i++) {
+        for (uint32_t e = 0; e < out->n_exposures; e++)
+            out->darks[i][e] = ls_find_dark(ls_merge_stage_dark(capture->merge, i, e));
+        if (!capture->threads[i])
+            continue;
+        struct ls_clock clock = ls_camera_thread_clock(capture->threads[i]);
+        struct ls_camera_residuals residuals = ls_camera_thread_residuals(capture->threads[i]);
+        out->cameras[i] = ls_find_camera(&clock, controller, &residuals);
+    }
 }
 
 static double measure_rate(struct rate *rate, uint32_t shots)

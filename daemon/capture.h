@@ -16,6 +16,7 @@
 #include <stdbool.h>
 #include <stdint.h>
 
+struct ls_findings;
 struct ls_store;
 
 struct ls_capture_setup {
@@ -67,6 +68,9 @@ void ls_capture_abort(struct ls_capture *capture);
 
 /** Any thread. */
 void ls_capture_progress(const struct ls_capture *capture, struct ls_capture_progress *out);
+
+/** What the run learned of darks and clocks. After ls_capture_run. */
+void ls_capture_findings(const struct ls_capture *capture, struct ls_findings *out);
 
 /** Not while running. NULL is allowed. */
 void ls_capture_destroy(struct ls_capture *capture);

@@ -65,11 +65,13 @@ static void fit(struct ls_clock *clock)
     clock->drift = s.wxy / (s.wxx + prior);
     clock->offset = mean_y - clock->drift * mean_x;
     double squares = 0;
+    clock->residual_max = 0;
     for (uint32_t i = 0; i < held(clock); i++) {
         double x, y, w = weight(clock, &clock->pairs[i], least);
         point(clock, &clock->pairs[i], &x, &y);
         double r = y - clock->offset - clock->drift * x;
         squares += w * r * r;
+        clock->residual_max = fmax(clock->residual_max, fabs(r));
     }
     clock->residual_rms = sqrt(squares / s.w);
 }

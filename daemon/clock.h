@@ -40,6 +40,7 @@ struct ls_clock {
     uint64_t ticks0, ref0;
     double offset, drift;
     double residual_rms; /* ns, of the pairs fitted, weighted */
+    double residual_max; /* ns, of the pairs fitted; a midpoint is off by up to half its delay */
 };
 
 /** No pairs yet. @hz: nominal ticks per second; @floor_ns: error of a perfect pair, > 0. RT-safe.

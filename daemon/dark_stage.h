@@ -1,5 +1,6 @@
 /*
- * dark_stage: the darks of one camera: summed, checked, published, kept for the merge.
+ * dark_stage: the darks of one camera: summed, checked, published, kept for the merge; and the
+ * watches between the lights, compared with them.
  * Layer: daemon. Threads: add from any merge thread; the rest while no frames come. Ownership: owns
  * its sums, means and list of defective pixels.
  */
@@ -17,8 +18,10 @@
 #include <stdint.h>
 
 struct ls_dark_exposure {
-    struct ls_dark *sum; /* NULL once the mean exists */
-    float *mean_dn;      /* NULL until then */
+    struct ls_dark *sum;        /* NULL once the mean exists */
+    float *mean_dn;             /* NULL until then */
+    struct ls_dark_stats stats; /* with the mean; adopted: noise and shares are NAN */
+    uint32_t n_defects;         /* found in this exposure */
 };
 
 struct ls_dark_stage {
@@ -28,7 +31,16 @@ struct ls_dark_stage {
     pthread_mutex_t lock;
     struct ls_dark_exposure exposures[LS_MAX_EXPOSURES];
     struct ls_pixel_list defects; /* union over exposures */
+    struct ls_dark *watch;        /* sum of the watch under way, or NULL */
 };
+
+/** A watch against the dark of its exposure, means over all pixels. */
+struct ls_dark_drift {
+    double difference_dn; /* watch - dark */
+    double allowed_dn;    /* max(LS_DARK_DRIFT_DN, 5 standard errors of the difference) */
+};
+
+#define LS_DARK_DRIFT_DN 0.05
 
 void ls_dark_stage_init(struct ls_dark_stage *stage, const struct ls_pixel_format *format,
                         uint32_t width, uint32_t height, bool black_check);
@@ -38,10 +50,11 @@ void ls_dark_stage_finish(struct ls_dark_stage *stage);
 LS_MUST_CHECK enum ls_err ls_dark_stage_expect(struct ls_dark_stage *stage, uint32_t exposure,
                                                struct ls_diag *diag);
 
-/** A mean from an earlier run of the take, @n_px floats in DN; defective pixels are searched in it,
- * without those that only show in the variance. */
+/** A mean of @n_frames from an earlier run of the take, width height floats in DN; defective pixels
+ * are searched in it, without those that only show in the variance. */
 LS_MUST_CHECK enum ls_err ls_dark_stage_adopt(struct ls_dark_stage *stage, uint32_t exposure,
-                                              const float *mean_dn, struct ls_diag *diag);
+                                              uint32_t n_frames, const float *mean_dn,
+                                              struct ls_diag *diag);
 
 /** Fold in a frame. */
 LS_MUST_CHECK enum ls_err ls_dark_stage_add(struct ls_dark_stage *stage, uint32_t exposure,
@@ -51,5 +64,19 @@ LS_MUST_CHECK enum ls_err ls_dark_stage_add(struct ls_dark_stage *stage, uint32_
  * level clips and black_check is set. */
 LS_MUST_CHECK enum ls_err ls_dark_stage_close(struct ls_dark_stage *stage, uint32_t exposure,
                                               struct ls_diag *diag);
+
+/** Fold a frame into the watch under way; the first one begins it. One watch at a time. */
+LS_MUST_CHECK enum ls_err ls_dark_stage_watch(struct ls_dark_stage *stage, const void *raw,
+                                              struct ls_diag *diag);
+
+/** Forget the watch under way, if there is one. */
+void ls_dark_stage_drop_watch(struct ls_dark_stage *stage);
+
+/** All frames of the watch are in: its mean, width height floats in DN, and how far it is from the
+ * dark of @exposure, which is closed or adopted. The standard error of a mean over n pixels and K
+ * frames is sqrt((read noise^2 + 1/12) / (n K)); an adopted dark counts with the watch's noise. */
+LS_MUST_CHECK enum ls_err ls_dark_stage_close_watch(struct ls_dark_stage *stage, uint32_t exposure,
+                                                    float *mean_dn, struct ls_dark_drift *drift,
+                                                    struct ls_diag *diag);
 
 #endif

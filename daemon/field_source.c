@@ -311,7 +311,8 @@ static void fill_noise(struct ls_field_source *source)
         t3 += t * t * t;
     }
     for (uint32_t i = 0; i < facts->n_conditions; i++)
-        if (facts->conditions[i].kind == LS_FACT_DARK && facts->conditions[i].repeats > 1)
+        if (facts->conditions[i].kind == LS_FACT_DARK && !facts->conditions[i].watch &&
+            facts->conditions[i].repeats > 1)
             repeats = facts->conditions[i].repeats;
     source->field.noise = (struct ls_field_noise){
         .read_variance = sigma2 * reference * reference / (full * full * t2),

@@ -37,7 +37,40 @@ static bool usable(const struct ls_merge_stage *stage, const struct ls_merge_cam
            !atomic_load(&stage->failure);
 }
 
-/* False: the frame has to wait for an accumulator. */
+static bool claim_watch(struct ls_merge_stage *stage, struct ls_merge_camera *camera,
+                        uint32_t condition)
+{
+    bool other = camera->watch.under_way && camera->watch.condition != condition;
+    if (other && camera->watch.adding > 0)
+        return false;
+    if (other) {
+        give_up(stage, camera, camera->watch.condition);
+        camera->darks_in[camera->watch.condition] = 0;
+        ls_dark_stage_drop_watch(&camera->darks);
+    }
+    camera->watch.under_way = true;
+    camera->watch.condition = condition;
+    camera->watch.adding++;
+    return true;
+}
+
+static bool claim_accumulator(struct ls_merge_stage *stage, struct ls_merge_camera *camera,
+                              uint32_t condition, struct ls_merge_job *job)
+{
+    int64_t given_up;
+    job->accumulator = ls_accumulators_claim(&camera->pool, condition, &given_up);
+    if (!job->accumulator)
+        return false;
+    if (given_up >= 0)
+        give_up(stage, camera, (uint32_t)given_up);
+    job->accumulator->camera = job->camera;
+    job->accumulator->claimed |=
+        1u << (job->plan_step - stage->config.setup->plan->conditions[condition].first_step);
+    job->accumulator->copying++;
+    return true;
+}
+
+/* False: the frame has to wait for an accumulator, or for the watch before it. */
 static bool place(struct ls_merge_stage *stage, uint32_t index, struct ls_merge_job *job)
 {
     struct ls_merge_camera *camera = &stage->cameras[index];
@@ -47,19 +80,11 @@ static bool place(struct ls_merge_stage *stage, uint32_t index, struct ls_merge_
     job->plan_step = stage->plan_steps[camera->held.step];
     uint32_t condition = stage->config.setup->plan->steps[job->plan_step].condition;
     const struct ls_plan_condition *c = &stage->config.setup->plan->conditions[condition];
-    job->kind = LS_JOB_DARK;
-    if (!c->dark) {
-        int64_t given_up;
-        job->kind = LS_JOB_COPY;
-        job->accumulator = ls_accumulators_claim(&camera->pool, condition, &given_up);
-        if (!job->accumulator)
-            return false;
-        if (given_up >= 0)
-            give_up(stage, camera, (uint32_t)given_up);
-        job->accumulator->camera = index;
-        job->accumulator->claimed |= 1u << (job->plan_step - c->first_step);
-        job->accumulator->copying++;
-    }
+    job->kind = c->watch ? LS_JOB_WATCH : c->dark ? LS_JOB_DARK : LS_JOB_COPY;
+    if (c->watch && !claim_watch(stage, camera, condition))
+        return false;
+    if (!c->dark && !claim_accumulator(stage, camera, condition, job))
+        return false;
     camera->shots[job->plan_step] = LS_SHOT_CLAIMED;
     return true;
 }
@@ -190,12 +215,13 @@ static enum ls_err init_darks(struct ls_merge_stage *stage, uint32_t index, stru
     enum ls_err err = LS_OK;
     for (uint32_t i = 0; i < setup->plan->n_conditions && !err; i++) {
         const struct ls_plan_condition *c = &setup->plan->conditions[i];
-        const float *mean = setup->darks && c->dark
-                                ? setup->darks[index * setup->plan->n_exposures + c->exposure]
-                                : NULL;
-        if (c->dark && setup->condition_done && setup->condition_done[i] && mean)
-            err = ls_dark_stage_adopt(&camera->darks, c->exposure, mean, diag);
-        else if (c->dark)
+        if (!c->dark || c->watch)
+            continue;
+        const float *mean =
+            setup->darks ? setup->darks[index * setup->plan->n_exposures + c->exposure] : NULL;
+        if (setup->condition_done && setup->condition_done[i] && mean)
+            err = ls_dark_stage_adopt(&camera->darks, c->exposure, c->repeats, mean, diag);
+        else
             err = ls_dark_stage_expect(&camera->darks, c->exposure, diag);
     }
     return err;
@@ -350,6 +376,13 @@ bool ls_merge_stage_wants(const struct ls_merge_stage *stage, uint32_t plan_step
 bool ls_merge_stage_has(const struct ls_merge_stage *stage, uint32_t condition, uint32_t camera)
 {
     return stage->cameras[camera].published[condition];
+}
+
+const struct ls_dark_exposure *ls_merge_stage_dark(const struct ls_merge_stage *stage,
+                                                   uint32_t camera, uint32_t exposure)
+{
+    const struct ls_dark_exposure *e = &stage->cameras[camera].darks.exposures[exposure];
+    return e->mean_dn ? e : NULL;
 }
 
 const _Atomic int *ls_merge_stage_failure(const struct ls_merge_stage *stage)

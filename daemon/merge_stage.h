@@ -7,10 +7,13 @@
  * A frame is copied out of the ring into its condition's accumulator, the slot goes back to the
  * driver, then its checksum, ticket and (with keep_raw) bytes go to the store. When the last
  * exposure of a condition is in, its rows are merged by all threads in bands, converted to half
- * and published. Darks are summed instead, and their mean is published as floats and kept.
+ * and published. Darks are summed instead, and their mean is published as floats and kept. So are
+ * watches, one at a time per camera, but their mean is not kept: it is compared with the dark's,
+ * and what has drifted is an alarm in the journal.
  *
  * Accumulators are a bounded pool per camera. A condition with a shot missing keeps its accumulator
- * until another condition needs it: then it is given up whole and must be shot again whole. When
+ * until another condition needs it: then it is given up whole and must be shot again whole; so is a
+ * watch with a shot missing when the next one begins. When
  * every accumulator is being merged, frames wait in the ring, and credit slows the lights.
  */
 #ifndef LS_DAEMON_MERGE_STAGE_H
@@ -19,6 +22,7 @@
 #include "core/error.h"
 #include "daemon/camera_thread.h"
 #include "daemon/capture.h"
+#include "daemon/dark_stage.h"
 #include "daemon/queue.h"
 #include "daemon/ring.h"
 
@@ -61,6 +65,10 @@ bool ls_merge_stage_wants(const struct ls_merge_stage *stage, uint32_t plan_step
 
 /** Is the picture published? While drained. */
 bool ls_merge_stage_has(const struct ls_merge_stage *stage, uint32_t condition, uint32_t camera);
+
+/** How an exposure's dark of a camera came out; NULL while it is not published. While drained. */
+const struct ls_dark_exposure *ls_merge_stage_dark(const struct ls_merge_stage *stage,
+                                                   uint32_t camera, uint32_t exposure);
 
 /** LS_OK, or the first error of the stage (store, memory, clipped black); it has stopped taking
  * frames. Any thread. RT-safe. */

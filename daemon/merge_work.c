@@ -4,6 +4,9 @@
 #include "daemon/attributes.h"
 #include "daemon/store.h"
 
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
 #include <string.h>
 
 enum { BAND_ROWS = 16 }; /* fewer are not worth a hand-over */
@@ -182,6 +185,78 @@ static enum ls_err take_dark(struct ls_merge_stage *stage, const struct ls_merge
     return last ? finish_dark(stage, job, diag) : LS_OK;
 }
 
+/* ---- watches ---- */
+
+static enum ls_err report_drift(struct ls_merge_stage *stage, uint32_t camera, uint32_t condition,
+                                const struct ls_dark_drift *drift, struct ls_diag *diag)
+{
+    const struct ls_capture_setup *setup = stage->config.setup;
+    const struct ls_plan_condition *c = &setup->plan->conditions[condition];
+    char text[320];
+    if (fabs(drift->difference_dn) <= drift->allowed_dn)
+        return LS_OK;
+    snprintf(text, sizeof text,
+             "dark drift: camera %.64s: %s is %+.3f DN from dark-%u (allowed %.3f DN): its black "
+             "level or the ambient light changed; let the camera warm up, keep stray light out, "
+             "and take again what must be exact in the shadows",
+             setup->config->cameras[camera].name, c->id, drift->difference_dn, c->exposure,
+             drift->allowed_dn);
+    return ls_store_alarm(setup->store, text, diag);
+}
+
+static void end_watch(struct ls_merge_stage *stage, struct ls_merge_camera *camera)
+{
+    pthread_mutex_lock(&stage->lock);
+    camera->watch.under_way = false;
+    camera->watch.adding = 0;
+    pthread_mutex_unlock(&stage->lock);
+    sem_post(&stage->work);
+}
+
+static enum ls_err finish_watch(struct ls_merge_stage *stage, const struct ls_merge_job *job,
+                                struct ls_diag *diag)
+{
+    struct ls_merge_camera *camera = &stage->cameras[job->camera];
+    uint32_t condition = stage->config.setup->plan->steps[job->plan_step].condition;
+    uint32_t exposure = stage->config.setup->plan->conditions[condition].exposure;
+    struct ls_dark_drift drift;
+    LS_CLEANUP_FREE float *mean = malloc((size_t)camera->width * camera->height * sizeof *mean);
+    if (!mean)
+        return ls_fail(diag, LS_ERR_NOMEM, "out of memory for a watch");
+    enum ls_err err = ls_dark_stage_close_watch(&camera->darks, exposure, mean, &drift, diag);
+    if (err)
+        return err;
+    end_watch(stage, camera);
+    struct ls_exr_mosaic mosaic = {.floats = mean};
+    err = publish(stage, job->camera, condition, job->bound.exposure_us * 1e-6, &mosaic, diag);
+    if (err)
+        return err;
+    count_published(stage, job->camera, condition);
+    return report_drift(stage, job->camera, condition, &drift, diag);
+}
+
+static enum ls_err take_watch(struct ls_merge_stage *stage, const struct ls_merge_job *job,
+                              struct ls_diag *diag)
+{
+    struct ls_merge_camera *camera = &stage->cameras[job->camera];
+    const void *raw = ls_ring_payload(stage->config.rings[job->camera], job->bound.frame.slot);
+    const struct ls_plan_condition *c = condition_of(stage, job->plan_step);
+    uint32_t condition = stage->config.setup->plan->steps[job->plan_step].condition;
+    enum ls_err err = ls_dark_stage_watch(&camera->darks, raw, diag);
+    if (!err)
+        err = record(stage, job, raw, diag);
+    give_back(stage, job);
+    if (err)
+        return err;
+    pthread_mutex_lock(&stage->lock);
+    count_in(stage, job);
+    bool last = ++camera->darks_in[condition] == c->n_steps;
+    if (!last)
+        camera->watch.adding--;
+    pthread_mutex_unlock(&stage->lock);
+    return last ? finish_watch(stage, job, diag) : LS_OK;
+}
+
 /* ---- lights ---- */
 
 static void describe_merge(struct ls_merge_stage *stage, struct ls_accumulator *a)
@@ -303,6 +378,9 @@ void ls_merge_do(struct ls_merge_stage *stage, const struct ls_merge_job *job)
         break;
     case LS_JOB_DARK:
         err = take_dark(stage, job, &diag);
+        break;
+    case LS_JOB_WATCH:
+        err = take_watch(stage, job, &diag);
         break;
     case LS_JOB_COPY:
         err = copy_in(stage, job, &diag);

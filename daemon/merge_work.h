@@ -24,6 +24,10 @@ struct ls_merge_camera {
     bool holds;
     struct ls_accumulators pool;
     struct ls_dark_stage darks;
+    struct {
+        bool under_way;
+        uint32_t condition, adding; /* frames being folded in, the closing of the sum included */
+    } watch;
     uint8_t *shots;     /* enum ls_shot_state per plan step */
     uint8_t *published; /* per condition */
     uint32_t *darks_in; /* per condition: frames folded in */
@@ -54,7 +58,7 @@ struct ls_merge_stage {
 
 /** What to do next; made by the scheduler with everything claimed that the job needs. */
 struct ls_merge_job {
-    enum { LS_JOB_NONE, LS_JOB_DISCARD, LS_JOB_DARK, LS_JOB_COPY, LS_JOB_BAND } kind;
+    enum { LS_JOB_NONE, LS_JOB_DISCARD, LS_JOB_DARK, LS_JOB_WATCH, LS_JOB_COPY, LS_JOB_BAND } kind;
     uint32_t camera, plan_step;
     struct ls_bound_frame bound;        /* not of a band */
     struct ls_accumulator *accumulator; /* COPY, BAND */

@@ -14,6 +14,7 @@ enum {
     SPHERE_LEVEL = FULL_LEVEL / 90, /* a full sphere is about 90 times one front light */
     SETTLE_US = 100,
     TRIGGER_MARGIN_US = 500, /* pulse end to next pulse: sensor transfer and line latency */
+    WATCH_FRAMES = 4,
 };
 
 static const char *const subject_words[] = {"still", "live", NULL};
@@ -225,6 +226,37 @@ static void add_darks(struct ls_conf *c, struct builder *b)
     }
 }
 
+static void make_watch(struct ls_plan_condition *cond, uint32_t index, uint32_t exposure)
+{
+    *cond = (struct ls_plan_condition){.lights = {.kind = LS_CONDITION_DARK},
+                                       .dark = true,
+                                       .watch = true,
+                                       .exposure = (uint8_t)exposure,
+                                       .repeats = WATCH_FRAMES,
+                                       .light = -1,
+                                       .channel = -1};
+    snprintf(cond->id, sizeof cond->id, "watch-%u", index);
+}
+
+/* From the last condition to the first, each moved to behind the watches that will precede it. */
+static void add_watches(struct ls_conf *c, struct ls_plan *plan)
+{
+    uint32_t lit = plan->n_conditions - plan->n_exposures, n = lit / LS_WATCH_EVERY;
+    if (plan->n_conditions + n > MAX_CONDITIONS) {
+        ls_conf_error(c, "conditions", "with its watches the plan has more than %d conditions",
+                      MAX_CONDITIONS);
+        return;
+    }
+    plan->n_conditions += n;
+    struct ls_plan_condition *first = plan->conditions + plan->n_exposures;
+    for (uint32_t i = lit; i > 0; i--) {
+        if (i % LS_WATCH_EVERY == 0)
+            make_watch(&first[i + i / LS_WATCH_EVERY - 1], i / LS_WATCH_EVERY - 1,
+                       plan->n_exposures - 1);
+        first[i - 1 + (i - 1) / LS_WATCH_EVERY] = first[i - 1];
+    }
+}
+
 static void make_steps(struct ls_conf *c, struct ls_plan *plan)
 {
     uint64_t n = 0;
@@ -279,6 +311,8 @@ static void read_plan(struct ls_conf *c, struct builder *b)
         return;
     add_darks(c, b);
     read_conditions(c, b);
+    if (!c->err)
+        add_watches(c, plan);
     plan->settle_us = (uint32_t)ls_conf_int(c, "settle_us", SETTLE_US, 0, 1000000);
     uint32_t least = default_period_us(plan, b->config);
     plan->period_us = (uint32_t)ls_conf_int(c, "period_us", least, least, 60000000);

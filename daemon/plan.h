@@ -5,7 +5,9 @@
  *
  * A *step* is one trigger pulse: one condition at one exposure, photographed by every camera. A
  * *shot* is one camera's picture of a step: shot id = step * n_cameras + camera. Darks come first,
- * because merging is online; then conditions in order, each with its whole bracket.
+ * because merging is online; then conditions in order, each with its whole bracket. After every
+ * LS_WATCH_EVERY of these stands a *watch*: a few darks of the longest exposure, stored and
+ * compared with the dark of the beginning, which they do not replace.
  */
 #ifndef LS_DAEMON_PLAN_H
 #define LS_DAEMON_PLAN_H
@@ -17,15 +19,16 @@
 #include <stdbool.h>
 #include <stdint.h>
 
-enum { LS_MAX_EXPOSURES = 8 };
+enum { LS_MAX_EXPOSURES = 8, LS_WATCH_EVERY = 50 };
 
 enum ls_subject { LS_SUBJECT_STILL, LS_SUBJECT_LIVE };
 
 /** A condition of the plan: what the LEDs do, and what it is called on disk. */
 struct ls_plan_condition {
-    char id[32];                /* "dark-0", "W-0137", "sphere-R"; the file name's stem */
+    char id[32];                /* "dark-0", "W-0137", "sphere-R", "watch-0"; the file's stem */
     struct ls_condition lights; /* leds point into the plan */
     bool dark;                  /* a dark of exposure `exposure`, mean of `repeats` frames */
+    bool watch;                 /* a dark that only watches for drift: nothing is merged with it */
     uint8_t exposure;           /* dark only */
     uint16_t repeats;           /* frames per exposure: 1, or K for darks */
     int32_t light;              /* of ONE, else -1 */

@@ -160,7 +160,7 @@ static void warn_of_darks(const struct ls_preflight_input *in, struct ls_preflig
 {
     uint32_t darks = 0, single = 0;
     for (uint32_t i = 0; i < in->plan->n_conditions; i++) {
-        if (in->plan->conditions[i].dark)
+        if (in->plan->conditions[i].dark && !in->plan->conditions[i].watch)
             darks = in->plan->conditions[i].repeats;
         single += in->plan->conditions[i].light >= 0;
     }

@@ -10,7 +10,8 @@
 enum {
     POLL_US = 1500, /* step events are read this often, grants follow as often */
     EVENTS = 64,
-    ANSWER_US = 5000000, /* a thread of ours that does not answer for so long is stuck */
+    PAIR_GAP_NS = 50000000, /* LS_CLOCK_PAIRS of these: the baseline of the clock's drift */
+    ANSWER_US = 5000000,    /* a thread of ours that does not answer for so long is stuck */
 };
 
 /* One program under way. */
@@ -25,6 +26,7 @@ struct run {
     uint64_t safe_us;       /* controller time of the poll before: its events have all been read */
     uint64_t progress_ns;   /* host time of the last event or grant that ended a drought */
     uint64_t first_us;
+    uint64_t compared_ns;               /* host time of the clock's newest pair */
     double timed_us[LS_MAX_CAMERAS][2]; /* exposure register, of even and odd steps: a held step's
                                            event comes when the next one's is already written */
     enum ls_err err;
@@ -105,6 +107,15 @@ static enum ls_err pass_on(struct run *run, const struct ls_step_event *event)
     return LS_OK;
 }
 
+static void compare_clocks(struct run *run)
+{
+    const struct ls_lights_status *s = &run->status;
+    if (s->host_after_ns < run->compared_ns + PAIR_GAP_NS)
+        return;
+    (void)ls_clock_add(run->seq->controller, s->now_us, s->host_before_ns, s->host_after_ns);
+    run->compared_ns = s->host_after_ns;
+}
+
 /* One poll, everything in it passed on. */
 static enum ls_err poll_once(struct run *run)
 {
@@ -115,6 +126,7 @@ static enum ls_err poll_once(struct run *run)
         err = pass_on(run, &run->events[i]);
     if (err)
         return err;
+    compare_clocks(run);
     if (n > 0)
         run->progress_ns = ls_host_ns();
     if (n < EVENTS) {

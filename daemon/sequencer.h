@@ -16,6 +16,7 @@
 
 #include "core/error.h"
 #include "daemon/camera_thread.h"
+#include "daemon/clock.h"
 #include "daemon/config.h"
 #include "daemon/ring.h"
 #include "drivers/camera.h"
@@ -47,6 +48,7 @@ struct ls_sequencer {
     bool live;            /* subject */
     uint64_t patience_us; /* host time a step may go without its frame, stepwise */
     uint64_t stall_us;    /* without any step event while some are granted: the controller hangs */
+    struct ls_clock *controller; /* against the host, ns; status reads are added as they come */
     const _Atomic bool *abort;
     const _Atomic int *failure; /* enum ls_err of another stage: stop; LS_OK = go on */
     /* results, added up over programs */

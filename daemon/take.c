@@ -1,6 +1,7 @@
 #include "daemon/take.h"
 
 #include "core/exr.h"
+#include "daemon/findings.h"
 #include "daemon/preflight.h"
 #include "daemon/rig.h"
 #include "daemon/store.h"
@@ -105,7 +106,7 @@ static enum ls_err find_done(struct ls_take *take, const struct ls_takedir *dir,
         for (uint32_t k = 0; k < n_cameras; k++) {
             const struct ls_published *p = ls_takedir_find(dir, plan->conditions[i].id, k);
             take->done[i] &= p != NULL;
-            enum ls_err err = p && plan->conditions[i].dark
+            enum ls_err err = p && plan->conditions[i].dark && !plan->conditions[i].watch
                                   ? load_dark(take, dir, p, k, plan->conditions[i].exposure, diag)
                                   : LS_OK;
             if (err)
@@ -310,7 +311,16 @@ static enum ls_store_state store_state(enum ls_take_state state)
     }
 }
 
-/* Say in take.json how it ended and what is missing; that itself can fail (disk gone). */
+static enum ls_err put_findings(const struct ls_take *take, const char *take_json, char **text,
+                                struct ls_diag *diag)
+{
+    struct ls_findings findings;
+    ls_capture_findings(take->capture, &findings);
+    return ls_findings_put(&findings, take_json, text, diag);
+}
+
+/* Say in take.json how it ended, what is missing and what was found; that itself can fail (disk
+ * gone). */
 static enum ls_err close_books(struct ls_take *take, enum ls_err ran, enum ls_take_state *state,
                                char *first_missing, size_t room, struct ls_diag *diag)
 {
@@ -321,13 +331,17 @@ static enum ls_err close_books(struct ls_take *take, enum ls_err ran, enum ls_ta
         err = ls_takedir_open(ls_store_folder(take->store), &dir, diag);
     if (err)
         return err;
+    LS_CLEANUP_FREE char *take_json = NULL;
     char **missing = list_missing(take, dir, &n_missing);
     *state = end_state(ran, n_missing);
     snprintf(first_missing, room, "%zu of them, first %s", n_missing, n_missing ? missing[0] : "-");
+    err = missing ? put_findings(take, dir->take_json, &take_json, diag) : LS_ERR_NOMEM;
     const struct ls_store_end end = {.state = store_state(*state),
+                                     .take_json = take_json,
                                      .missing = (const char *const *)missing,
                                      .n_missing = n_missing};
-    err = missing ? ls_store_set_state(take->store, &end, diag) : LS_ERR_NOMEM;
+    if (!err)
+        err = ls_store_set_state(take->store, &end, diag);
     for (size_t i = 0; i < n_missing; i++)
         free(missing[i]);
     free(missing);

@@ -114,6 +114,7 @@ static enum ls_err read_condition(struct ls_take_facts *facts, const json_t *ite
         return wrong(diag, "plan.conditions.id", "a name");
     snprintf(out->id, sizeof out->id, "%s", id);
     out->kind = kind_of(json_string_value(json_object_get(item, "kind")));
+    out->watch = json_is_true(json_object_get(item, "watch"));
     out->repeats = (uint32_t)json_integer_value(json_object_get(item, "repeats"));
     if (out->kind != LS_FACT_ONE && out->kind != LS_FACT_SPHERE)
         return LS_OK;

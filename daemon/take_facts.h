@@ -19,6 +19,7 @@ enum ls_fact_kind { LS_FACT_OTHER, LS_FACT_DARK, LS_FACT_ONE, LS_FACT_SPHERE };
 struct ls_condition_fact {
     char id[64];
     enum ls_fact_kind kind;
+    bool watch;       /* DARK: no light has it subtracted */
     uint32_t light;   /* ONE */
     uint32_t channel; /* ONE, SPHERE; index into channels */
     double duty;      /* of full level, (0, 1] */

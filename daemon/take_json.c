@@ -31,6 +31,8 @@ static json_t *condition_json(const struct ls_plan_condition *c, const struct ls
                   (int)c->repeats, "first_step", (int)c->first_step, "steps", (int)c->n_steps);
     if (c->dark)
         json_object_set_new(o, "exposure", json_integer(c->exposure));
+    if (c->watch)
+        json_object_set_new(o, "watch", json_true());
     if (c->light >= 0)
         json_object_set_new(o, "light", json_integer(c->light));
     if (c->channel >= 0) {

@@ -5,8 +5,9 @@
  * Keys (the store adds its own: daemon/store.h):
  *   "software" "lightstaged 0.1.0", "conventions" 1,
  *   "plan" { "text" (as given), "subject", "period_us", "pulse_us" [], "conditions" [ { "id",
- *     "kind" dark|one|sphere|segment, "light" (rig row, one), "lights" [] (segment: rig rows), "channel" "W", "level",
- *     "exposure" (dark), "repeats", "first_step", "steps" } ]
+ *     "kind" dark|one|sphere|segment, "light" (rig row, one), "lights" [] (segment: rig rows),
+ *     "channel" "W", "level", "exposure" (dark), "watch" true (a dark between lights, not subtracted
+ *     from anything), "repeats", "first_step", "steps" } ]
  * }, "rig" { "name", "lights" { "position_m" [[x,y,z]], "address" [] }, "channels" [ { "name",
  * "kind" } ], "cameras" [ { "name", "vendor", "model", "serial", "width", "height", "pixel_format",
  *       "position_m", "look_at_m", "focal_length_mm", "sensor_mm", "range", "black_dn",
@@ -14,7 +15,8 @@
  *       "unverified", "gain", "black_level" (as read back), "exposure" width|timed } ],
  *     "controller" { "serial", "firmware", "pwm_levels", "pwm_period_us" } },
  *   "exposure_s" [] (as used, shortest first), "reference_exposure_s",
- *   "calibration" (core/calibration.h) or null.
+ *   "calibration" (core/calibration.h) or null; once a run has ended "darks" and "clocks"
+ *   (daemon/findings.h).
  */
 #ifndef LS_DAEMON_TAKE_JSON_H
 #define LS_DAEMON_TAKE_JSON_H

@@ -71,7 +71,9 @@ static void draw(const struct ls_camera *camera, uint32_t slot, uint32_t pulse, 
                  uint32_t width_us, double exposure_us)
 {
     uint16_t *px = (uint16_t *)(void *)((char *)camera->slots.base + camera->slots.stride * slot);
-    double dn = FAKE_BLACK + (light < 0 ? 0 : FAKE_RATE * (1 + light) * exposure_us);
+    const struct fake_rig *rig = camera->rig;
+    bool drifted = rig->options.drift_at && rig->armed > 1 && pulse >= rig->options.drift_at;
+    double dn = FAKE_BLACK + drifted + (light < 0 ? 0 : FAKE_RATE * (1 + light) * exposure_us);
     for (uint32_t i = 0; i < FAKE_WIDTH * FAKE_HEIGHT; i++)
         px[i] = (uint16_t)fmin(65535, round(dn));
     px[0] = (uint16_t)(light + 2);

@@ -6,6 +6,7 @@
  * Every frame is Mono16. Pixel 0 holds 2 + the light that was on (1 = dark), pixel 1 the pulse's
  * ordinal, pixel 2 1 + its width in units of 10 us, and all others
  *     BLACK + RATE (1 + light) exposure_us.
+ * Against the host the controller's clock is 80 ppm fast, the cameras' 60 ppm slow.
  */
 #ifndef LS_TESTS_FAKE_RIG_H
 #define LS_TESTS_FAKE_RIG_H
@@ -43,6 +44,7 @@ struct fake_options {
     uint32_t interlock_at;   /* pulse that opens it, 0 = never */
     uint32_t stall_at;       /* pulse after which the controller sleeps 300 ms, 0 = never */
     uint32_t gone_at;        /* pulse at which camera 0 disappears, 0 = never */
+    uint32_t drift_at;       /* pulse from which every pixel reads 1 DN more, 0 = never */
     uint32_t frame_delay_us; /* from the end of exposure, default 2000 */
     unsigned char faults[FAKE_MAX_PULSES]; /* enum fake_fault */
     unsigned char warm_up_faults[FAKE_MAX_PULSES];

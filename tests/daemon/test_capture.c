@@ -4,6 +4,7 @@
  */
 #include "core/exr.h"
 #include "daemon/capture.h"
+#include "daemon/findings.h"
 #include "daemon/realtime.h"
 #include "daemon/store.h"
 #include "daemon/takedir.h"
@@ -18,6 +19,10 @@ enum {
     N_DARKS = 3, /* per exposure */
     N_STEPS = N_EXPOSURES * (N_LIGHTS + N_DARKS),
     N_ALL = N_EXPOSURES + N_LIGHTS,
+    N_WATCHES = 2, /* where a test wants them: one after each half of the lights */
+    WATCH_FRAMES = 4,
+    MAX_ALL = N_ALL + N_WATCHES,
+    MAX_STEPS = N_STEPS + N_WATCHES * WATCH_FRAMES,
     PERIOD_US = 3000,
 };
 
@@ -30,16 +35,17 @@ struct stage {
     struct ls_config config;
     struct ls_config_light lights[N_LIGHTS];
     struct ls_plan plan;
-    struct ls_plan_condition conditions[N_ALL];
-    struct ls_plan_step steps[N_STEPS];
+    bool watches;
+    struct ls_plan_condition conditions[MAX_ALL];
+    struct ls_plan_step steps[MAX_STEPS];
     struct ls_led leds[N_LIGHTS];
-    const char *ids[N_ALL];
+    const char *ids[MAX_ALL];
     struct ls_disk_shim shim;
     struct ls_store *store;
     struct ls_capture *capture;
     struct ls_capture_report report;
     struct ls_diag diag;
-    uint8_t done[N_ALL];
+    uint8_t done[MAX_ALL];
     float *darks[N_EXPOSURES];
 };
 
@@ -97,6 +103,14 @@ static void add_condition(struct stage *s, int light, uint8_t exposure, uint32_t
                                   .exposure = light < 0 ? exposure : (uint8_t)i};
 }
 
+static void add_watch(struct stage *s, int index)
+{
+    struct ls_plan_condition *c = &s->conditions[s->plan.n_conditions];
+    add_condition(s, -1, N_EXPOSURES - 1, WATCH_FRAMES);
+    c->watch = true;
+    g_snprintf(c->id, sizeof c->id, "watch-%d", index);
+}
+
 static void make_plan(struct stage *s)
 {
     s->plan = (struct ls_plan){.keep_raw = true,
@@ -108,8 +122,11 @@ static void make_plan(struct stage *s)
                                .leds = s->leds};
     for (uint8_t e = 0; e < N_EXPOSURES; e++)
         add_condition(s, -1, e, N_DARKS);
-    for (int i = 0; i < N_LIGHTS; i++)
+    for (int i = 0; i < N_LIGHTS; i++) {
         add_condition(s, i, 0, N_EXPOSURES);
+        if (s->watches && (i + 1) % (N_LIGHTS / N_WATCHES) == 0)
+            add_watch(s, (i + 1) / (N_LIGHTS / N_WATCHES) - 1);
+    }
 }
 
 static struct stage *new_stage(void)
@@ -127,9 +144,9 @@ static void open_store(struct stage *s)
                                            .take_json = "{}",
                                            .utc_s = 1715947200,
                                            .n_cameras = s->config.n_cameras,
-                                           .n_shots = N_STEPS * s->config.n_cameras,
+                                           .n_shots = s->plan.n_steps * s->config.n_cameras,
                                            .conditions = s->ids,
-                                           .n_conditions = N_ALL,
+                                           .n_conditions = s->plan.n_conditions,
                                            .keep_raw = true,
                                            .need_bytes = 1 << 20,
                                            .shim = s->shim.before ? &s->shim : NULL};
@@ -233,15 +250,15 @@ static void expect_complete(struct stage *s)
     struct ls_take_report report;
     uint32_t n_cameras = s->config.n_cameras;
     g_assert_cmpuint(s->report.missing_conditions, ==, 0);
-    g_assert_cmpuint(s->report.final.steps_bound, ==, N_STEPS);
-    g_assert_cmpuint(s->report.final.conditions_stored, ==, N_ALL);
+    g_assert_cmpuint(s->report.final.steps_bound, ==, s->plan.n_steps);
+    g_assert_cmpuint(s->report.final.conditions_stored, ==, s->plan.n_conditions);
     g_assert_cmpint(ls_takedir_open(s->folder, &take, NULL), ==, LS_OK);
     g_assert_cmpint(ls_takedir_verify(take, &report, NULL), ==, LS_OK);
     g_assert_cmpstr(report.text, ==, "");
-    g_assert_cmpuint(report.shots_ticketed, ==, N_STEPS * n_cameras);
-    g_assert_cmpuint(report.pictures_good, ==, N_ALL * n_cameras);
+    g_assert_cmpuint(report.shots_ticketed, ==, s->plan.n_steps * n_cameras);
+    g_assert_cmpuint(report.pictures_good, ==, s->plan.n_conditions * n_cameras);
     g_assert_cmpuint(count_mislabeled(s, take), ==, 0);
-    for (uint32_t i = 0; i < N_ALL; i++)
+    for (uint32_t i = 0; i < s->plan.n_conditions; i++)
         for (uint32_t k = 0; k < n_cameras; k++)
             check_picture(s, take, i, k);
     ls_take_report_finish(&report);
@@ -257,7 +274,7 @@ static void test_whole(void)
     g_assert_cmpint(shoot(s), ==, LS_OK);
     expect_complete(s);
     g_assert_cmpuint(s->report.final.shots_lost, ==, 0);
-    g_assert_cmpuint(fake_rig_pulses(s->rig), ==, N_STEPS);
+    g_assert_cmpuint(fake_rig_pulses(s->rig), ==, s->plan.n_steps);
     /* both clocks are exact to 1 us of the controller */
     g_assert_cmpfloat(s->report.residual_max_us, <, 5);
     g_assert_cmpstr(s->report.repaired, ==, "");
@@ -335,7 +352,7 @@ static void test_missing(void)
     s->options.lose_light = 3;
     g_assert_cmpint(shoot(s), ==, LS_OK);
     g_assert_cmpuint(s->report.missing_conditions, ==, 1);
-    g_assert_cmpuint(s->report.final.conditions_stored, ==, N_ALL - 1);
+    g_assert_cmpuint(s->report.final.conditions_stored, ==, s->plan.n_conditions - 1);
     g_assert_cmpint(ls_takedir_open(s->folder, &take, NULL), ==, LS_OK);
     bool named = false;
     for (size_t i = 0; i < take->n_alarms; i++)
@@ -403,7 +420,7 @@ static void test_store_error(void)
     struct stage *s = new_stage();
     s->shim = (struct ls_disk_shim){.before = fail_after, .user = s};
     g_assert_cmpint(shoot(s), ==, LS_ERR_FULL);
-    g_assert_cmpuint(fake_rig_pulses(s->rig), <, N_STEPS);
+    g_assert_cmpuint(fake_rig_pulses(s->rig), <, s->plan.n_steps);
     clear(s);
 }
 
@@ -456,14 +473,14 @@ static uint32_t read_done(struct stage *s)
     struct ls_takedir *take;
     uint32_t steps = 0;
     g_assert_cmpint(ls_takedir_open(s->folder, &take, NULL), ==, LS_OK);
-    for (uint32_t i = 0; i < N_ALL; i++) {
+    for (uint32_t i = 0; i < s->plan.n_conditions; i++) {
         const struct ls_published *p = ls_takedir_find(take, s->ids[i], 0);
         uint8_t *bytes;
         size_t n;
         struct ls_image image = {0};
         s->done[i] = p != NULL;
         steps += p ? s->conditions[i].n_steps : 0;
-        if (!p || !s->conditions[i].dark)
+        if (!p || !s->conditions[i].dark || s->conditions[i].watch)
             continue;
         g_assert_cmpint(ls_takedir_read(take, p, &bytes, &n, NULL), ==, LS_OK);
         g_assert_cmpint(ls_exr_read(bytes, n, NULL, 1 << 24, &image, NULL, NULL), ==, LS_OK);
@@ -492,9 +509,9 @@ static void resume(struct stage *s)
                                            .darks = (const float *const *)s->darks};
     g_assert_cmpint(ls_capture_create(&setup, &s->capture, &s->diag), ==, LS_OK);
     g_assert_cmpint(ls_capture_run(s->capture, &s->report, &s->diag), ==, LS_OK);
-    g_assert_cmpuint(fake_rig_pulses(s->rig), ==, N_STEPS - done);
-    g_assert_cmpuint(s->report.final.steps_planned, ==, N_STEPS - done);
-    g_assert_cmpuint(s->report.final.steps_bound, ==, N_STEPS - done);
+    g_assert_cmpuint(fake_rig_pulses(s->rig), ==, s->plan.n_steps - done);
+    g_assert_cmpuint(s->report.final.steps_planned, ==, s->plan.n_steps - done);
+    g_assert_cmpuint(s->report.final.steps_bound, ==, s->plan.n_steps - done);
 }
 
 static void test_resume(void)
@@ -510,14 +527,136 @@ static void test_resume(void)
     g_assert_cmpint(ls_takedir_open(s->folder, &take, NULL), ==, LS_OK);
     g_assert_cmpint(ls_takedir_verify(take, &report, NULL), ==, LS_OK);
     g_assert_cmpstr(report.text, ==, "");
-    g_assert_cmpuint(report.pictures_good, ==, N_ALL);
+    g_assert_cmpuint(report.pictures_good, ==, s->plan.n_conditions);
     g_assert_cmpuint(count_mislabeled(s, take), ==, 0);
-    for (uint32_t i = 0; i < N_ALL; i++)
+    for (uint32_t i = 0; i < s->plan.n_conditions; i++)
         check_picture(s, take, i, 0);
     ls_take_report_finish(&report);
     ls_takedir_close(take);
     for (int i = 0; i < N_EXPOSURES; i++)
         free(s->darks[i]);
+    clear(s);
+}
+
+/* Alarms that begin with @text. */
+static uint32_t count_alarms(struct stage *s, const char *text)
+{
+    struct ls_takedir *take;
+    uint32_t n = 0;
+    g_assert_cmpint(ls_takedir_open(s->folder, &take, NULL), ==, LS_OK);
+    for (size_t i = 0; i < take->n_alarms; i++) {
+        g_test_message("%s", take->alarms[i]);
+        n += g_str_has_prefix(take->alarms[i], text);
+    }
+    ls_takedir_close(take);
+    return n;
+}
+
+static void test_watches(void)
+{
+    struct stage *s = new_stage();
+    s->watches = true;
+    s->options.n_cameras = 2;
+    g_assert_cmpint(shoot(s), ==, LS_OK);
+    expect_complete(s);
+    g_assert_cmpuint(count_alarms(s, "dark drift"), ==, 0);
+    clear(s);
+}
+
+enum { SECOND_HALF = FIRST_LIGHT + N_EXPOSURES * N_LIGHTS / 2 + WATCH_FRAMES };
+
+static void test_drift(void)
+{
+    struct stage *s = new_stage();
+    s->watches = true;
+    s->options.n_cameras = 2;
+    s->options.drift_at = SECOND_HALF;
+    g_assert_cmpint(shoot(s), ==, LS_OK);
+    g_assert_cmpuint(s->report.missing_conditions, ==, 0);
+    g_assert_cmpuint(count_alarms(s, "dark drift: camera front: watch-1 is +1.0"), ==, 1);
+    g_assert_cmpuint(count_alarms(s, "dark drift: camera left: watch-1 is +1.0"), ==, 1);
+    g_assert_cmpuint(count_alarms(s, "dark drift"), ==, 2);
+    clear(s);
+}
+
+/* Both have a shot missing: the first is given up for the second, which is given up when the first
+ * is shot again. */
+static void test_lost_watches(void)
+{
+    struct stage *s = new_stage();
+    s->watches = true;
+    s->options.faults[SECOND_HALF - 2] = FAKE_LOST;
+    s->options.faults[SECOND_HALF + N_EXPOSURES * N_LIGHTS / 2 + 1] = FAKE_VANISHED;
+    g_assert_cmpint(shoot(s), ==, LS_OK);
+    expect_complete(s);
+    g_assert_nonnull(strstr(s->report.repaired, "watch-0 (1 shot), watch-1 (1 shot)"));
+    g_assert_cmpuint(fake_rig_pulses(s->rig), ==, s->plan.n_steps + 2 * WATCH_FRAMES);
+    clear(s);
+}
+
+static void test_missing_watch(void)
+{
+    struct stage *s = new_stage();
+    s->watches = true;
+    s->options.faults[SECOND_HALF - 2] = FAKE_VANISHED;
+    set_up(s);
+    s->config.retries = 0;
+    g_assert_cmpint(ls_capture_run(s->capture, &s->report, &s->diag), ==, LS_OK);
+    g_assert_cmpuint(s->report.missing_conditions, ==, 1);
+    g_assert_cmpuint(s->report.final.conditions_stored, ==, s->plan.n_conditions - 1);
+    g_assert_cmpuint(count_alarms(s, "missing: cam0/watch-0"), ==, 1);
+    clear(s);
+}
+
+static void test_resumed_watches(void)
+{
+    struct stage *s = new_stage();
+    s->watches = true;
+    s->options.interlock_at = SECOND_HALF + 4;
+    g_assert_cmpint(shoot(s), ==, LS_ERR_REFUSED);
+    s->options.interlock_at = 0;
+    s->options.drift_at = 1;
+    resume(s);
+    g_assert_cmpuint(s->report.missing_conditions, ==, 0);
+    g_assert_cmpuint(count_alarms(s, "dark drift: camera front: watch-1 is +1.0"), ==, 1);
+    g_assert_cmpuint(count_alarms(s, "dark drift"), ==, 1);
+    for (int i = 0; i < N_EXPOSURES; i++)
+        free(s->darks[i]);
+    clear(s);
+}
+
+static void check_clock(const struct ls_clock_finding *c, double ppm)
+{
+    g_test_message("%.2f ppm, residual %.2f us rms, %.2f us max", c->drift_ppm, c->residual_rms_us,
+                   c->residual_max_us);
+    g_assert_cmpuint(c->pairs, >=, 5);
+    /* the controller counts whole us over a baseline of 0.2 s and more: 5 ppm, twice over */
+    g_assert_cmpfloat(fabs(c->drift_ppm - ppm), <, 10);
+    g_assert_cmpfloat(c->residual_max_us, <, 5);
+}
+
+static void test_findings(void)
+{
+    struct stage *s = new_stage();
+    struct ls_findings found;
+    s->options.n_cameras = 2;
+    uint64_t began_ns = ls_host_ns();
+    g_assert_cmpint(shoot(s), ==, LS_OK);
+    ls_capture_findings(s->capture, &found);
+    check_clock(&found.controller, -80);
+    for (uint32_t i = 0; i < 2; i++) {
+        check_clock(&found.cameras[i], 60);
+        g_assert_cmpfloat(found.cameras[i].host_ns, >, began_ns);
+        g_assert_cmpfloat(found.cameras[i].host_ns, <, ls_host_ns());
+        for (uint32_t e = 0; e < N_EXPOSURES; e++) {
+            const struct ls_dark_finding *d = &found.darks[i][e];
+            g_assert_true(d->known);
+            /* three pixels hold marks */
+            g_assert_cmpfloat(fabs(d->mean_dn - FAKE_BLACK), <, 0.5);
+            g_assert_cmpfloat(d->clipped, <=, 1.0 / (FAKE_WIDTH * FAKE_HEIGHT));
+            g_assert_cmpfloat(d->read_noise_dn, <, 0.1);
+        }
+    }
     clear(s);
 }
 
@@ -581,6 +720,13 @@ int main(int argc, char **argv)
     g_test_add_func("/capture/a-slow-disk-slows-the-take-and-loses-nothing", test_slow_disk);
     g_test_add_func("/capture/an-abort-is-dark-at-once", test_abort);
     g_test_add_func("/capture/a-resumed-take-shoots-only-what-is-missing", test_resume);
+    g_test_add_func("/capture/watches-are-stored-and-silent-when-nothing-drifts", test_watches);
+    g_test_add_func("/capture/a-black-level-that-drifts-is-an-alarm", test_drift);
+    g_test_add_func("/capture/a-watch-given-up-is-shot-again-whole", test_lost_watches);
+    g_test_add_func("/capture/a-missing-watch-does-not-stop-the-take", test_missing_watch);
+    g_test_add_func("/capture/a-resumed-take-watches-against-its-first-darks",
+                    test_resumed_watches);
+    g_test_add_func("/capture/darks-and-clocks-are-found-as-they-are", test_findings);
     g_test_add_func("/capture/software-triggered-cameras-hold-the-light", test_software);
     g_test_add_func("/capture/a-software-triggered-camera-that-misses-is-repaired",
                     test_software_lost);

@@ -210,6 +210,62 @@ static void test_a_plan_puts_darks_first_and_brackets_whole(struct fixture *f, g
     ls_config_destroy(c);
 }
 
+/* @n segments of one light each after one each-condition of a channel. */
+static struct ls_plan *plan_of(const struct ls_config *config, uint32_t n)
+{
+    struct ls_diag diag = {0};
+    struct ls_plan *p = NULL;
+    GString *text = g_string_new("subject = \"still\"; exposures_us = [250, 1000]; darks = 3;\n"
+                                 "conditions = (");
+    for (uint32_t i = 0; i < n; i++)
+        g_string_append_printf(text, "%s{ kind = \"segment\"; channels = [\"W\"]; lights = [0]; }",
+                               i ? ", " : " ");
+    g_string_append(text, " );\n");
+    g_assert_cmpint(ls_plan_parse(text->str, config, &p, &diag), ==, LS_OK);
+    g_string_free(text, TRUE);
+    return p;
+}
+
+static void test_a_plan_is_watched_after_every_fifty_conditions(struct fixture *f,
+                                                                gconstpointer unused)
+{
+    static const uint32_t counts[] = {1, 49, 50, 51, 99, 100, 149, 150, 160};
+    struct ls_diag diag = {0};
+    struct ls_config *c = load(f, &diag);
+    for (size_t k = 0; k < G_N_ELEMENTS(counts); k++) {
+        struct ls_plan *p = plan_of(c, counts[k]);
+        uint32_t lit = 0, watches = 0, steps = 0;
+        for (uint32_t i = 0; i < p->n_conditions; i++) {
+            const struct ls_plan_condition *cond = &p->conditions[i];
+            char id[32];
+            g_snprintf(id, sizeof id, cond->watch ? "watch-%u" : "segment%u-W",
+                       cond->watch ? watches : lit);
+            g_assert_cmpuint(cond->first_step, ==, steps);
+            steps += cond->n_steps;
+            if (i < 2) {
+                g_assert_true(cond->dark && !cond->watch);
+                continue;
+            }
+            g_assert_cmpstr(cond->id, ==, id);
+            g_assert_true(cond->dark == cond->watch);
+            watches += cond->watch;
+            lit += !cond->watch;
+            g_assert_cmpuint(watches, ==, (lit - (cond->watch ? 0 : 1)) / 50);
+            if (!cond->watch)
+                continue;
+            g_assert_cmpuint(cond->exposure, ==, 1);
+            g_assert_cmpuint(cond->n_steps, ==, 4);
+            g_assert_cmpint(cond->lights.kind, ==, LS_CONDITION_DARK);
+            g_assert_cmpuint(p->steps[cond->first_step + 3].exposure, ==, 1);
+        }
+        g_assert_cmpuint(lit, ==, counts[k]);
+        g_assert_cmpuint(watches, ==, counts[k] / 50);
+        g_assert_cmpuint(steps, ==, p->n_steps);
+        ls_plan_destroy(p);
+    }
+    ls_config_destroy(c);
+}
+
 static void test_wrong_plans_are_refused(struct fixture *f, gconstpointer unused)
 {
     static const struct {
@@ -261,6 +317,8 @@ int main(int argc, char **argv)
                     test_the_measured_rig_loads_coincident_lights_included);
     FIXED("/plan/a-plan-puts-darks-first-and-brackets-whole",
           test_a_plan_puts_darks_first_and_brackets_whole);
+    FIXED("/plan/a-plan-is-watched-after-every-fifty-conditions",
+          test_a_plan_is_watched_after_every_fifty_conditions);
     FIXED("/plan/wrong-plans-are-refused", test_wrong_plans_are_refused);
     return g_test_run();
 }

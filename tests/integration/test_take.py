@@ -2,6 +2,7 @@
 """A take of twelve lights by the real daemon, from the command to the pixels."""
 import json
 import os
+import time
 
 import harness
 import takes
@@ -42,6 +43,44 @@ def test_a_light_is_its_row_of_the_rig_file_whatever_its_address(folder):
                                                           "take.json")))
     segment = [c for c in document["plan"]["conditions"] if c["kind"] == "segment"][0]
     assert segment["lights"] == [0, 1, 4], segment
+
+
+def test_a_take_is_watched_for_drift_and_states_its_darks_and_clocks(folder):
+    # 54 conditions, so one watch; a camera's default black is 1/64 of full scale
+    rig = harness.twelve(folder).start()
+    plan = harness.PLAN.replace('channels = ["W"]; }', 'channels = ["W", "R", "G", "B"]; }')
+    code, status, err = takes.photograph(rig, plan)
+    assert code == 0 and status["state"] == "complete", err
+    judged = takes.is_good(rig, status["id"], pixels=False)
+    assert judged["shots_stored"] == takes.DARKS + 54 * 3 + 4, judged
+    home = takes.folder(rig, status["id"])
+    document = json.loads(harness.stage.read(os.path.join(home, "take.json")))
+    conditions = document["plan"]["conditions"]
+    watches = [c for c in conditions if c.get("watch")]
+    assert [c["id"] for c in watches] == ["watch-0"] and watches[0]["kind"] == "dark", watches
+    assert conditions.index(watches[0]) == 3 + 50
+    assert os.path.exists(os.path.join(home, "cam0", "watch-0.exr"))
+    assert not [a for a in takes.alarms(rig, status["id"]) if "drift" in a]
+    print("#", document["darks"], document["clocks"])
+    darks = document["darks"]
+    assert [(d["camera"], d["exposure"]) for d in darks] == [(0, 0), (0, 1), (0, 2)]
+    for dark in darks:
+        assert abs(dark["mean_dn"] - takes.FULL_SCALE_DN / 64) < 0.5, dark
+        # 5 electrons of 10500 at full scale; a twentieth is far more than 8 x 16384 samples err
+        assert abs(dark["read_noise_dn"] - 5 * takes.FULL_SCALE_DN / 10500) < 0.1, dark
+        assert dark["clipped"] < 1e-3 and 0 <= dark["defects"] < 50, dark
+    clocks = {c["clock"]: c for c in document["clocks"]}
+    assert set(clocks) == {"controller", "cam0"}
+    # the simulator's defaults, a clock that is slow makes the host's time pass faster. Reads of
+    # 0.1 ms, and more on a busy machine, over 3 s: within 30 ppm
+    for name, ppm in (("controller", 35), ("cam0", -20)):
+        assert abs(clocks[name]["drift_ppm"] - ppm) < 30, clocks[name]
+        assert clocks[name]["pairs"] >= 5, clocks[name]
+    # where the two clocks stood is the same moment: the take was seconds ago, not hours
+    now_ns = time.clock_gettime_ns(time.CLOCK_MONOTONIC_RAW)
+    for clock in clocks.values():
+        host_ns = clock["ticks"] * clock["tick_ns"] + clock["offset_ns"]
+        assert 0 < now_ns - host_ns < 120e9, (clock, now_ns)
 
 
 def test_a_ticket_corrupted_on_purpose_is_counted_as_exactly_one(folder):

@@ -1,0 +1,132 @@
+#include "daemon/findings.h"
+
+#include <jansson.h>
+#include <math.h>
+#include <stdio.h>
+
+struct ls_dark_finding ls_find_dark(const struct ls_dark_exposure *dark)
+{
+    if (!dark)
+        return (struct ls_dark_finding){0};
+    const struct ls_dark_stats *s = &dark->stats;
+    return (struct ls_dark_finding){.known = true,
+                                    .mean_dn = s->mean_dn,
+                                    .read_noise_dn = s->read_noise_dn,
+                                    .clipped = s->zero_fraction + s->clipped_fraction,
+                                    .n_defects = dark->n_defects};
+}
+
+struct ls_clock_finding ls_find_controller(const struct ls_clock *controller)
+{
+    if (controller->n == 0)
+        return (struct ls_clock_finding){0};
+    return (struct ls_clock_finding){.pairs = controller->n,
+                                     .tick_ns = controller->nominal,
+                                     .ticks = controller->ticks0,
+                                     .host_ns = ls_clock_map(controller, controller->ticks0),
+                                     .drift_ppm = ls_clock_drift_ppm(controller),
+                                     .residual_rms_us = controller->residual_rms / 1e3,
+                                     .residual_max_us = controller->residual_max / 1e3};
+}
+
+struct ls_clock_finding ls_find_camera(const struct ls_clock *camera,
+                                       const struct ls_clock *controller,
+                                       const struct ls_camera_residuals *residuals)
+{
+    if (camera->n == 0 || controller->n == 0)
+        return (struct ls_clock_finding){0};
+    double controller_ns = ls_clock_map(camera, camera->ticks0);
+    uint64_t us = (uint64_t)(controller_ns / 1e3);
+    double rest_ns = controller_ns - (double)us * 1e3;
+    double rate = (1 + camera->drift) * (1 + controller->drift);
+    double n = residuals->n ? (double)residuals->n : 1;
+    return (struct ls_clock_finding){.pairs = camera->n,
+                                     .tick_ns = camera->nominal,
+                                     .ticks = camera->ticks0,
+                                     .host_ns = ls_clock_map(controller, us) + rest_ns,
+                                     .drift_ppm = (rate - 1) * 1e6,
+                                     .residual_rms_us = sqrt(residuals->sum_squares_us2 / n),
+                                     .residual_max_us = residuals->max_us};
+}
+
+static json_t *number(double value)
+{
+    return isfinite(value) ? json_real(value) : json_null();
+}
+
+static json_t *find_dark(json_t *darks, uint32_t camera, uint32_t exposure, size_t *at)
+{
+    for (*at = 0; *at < json_array_size(darks); ++*at) {
+        json_t *item = json_array_get(darks, *at);
+        if (json_integer_value(json_object_get(item, "camera")) == camera &&
+            json_integer_value(json_object_get(item, "exposure")) == exposure)
+            return item;
+    }
+    return NULL;
+}
+
+static int put_dark(json_t *darks, uint32_t camera, uint32_t exposure,
+                    const struct ls_dark_finding *d)
+{
+    size_t at;
+    json_t *old = find_dark(darks, camera, exposure, &at);
+    if (!d->known || (old && !isfinite(d->read_noise_dn)))
+        return 0;
+    json_t *dark =
+        json_pack("{si si so so so si}", "camera", (int)camera, "exposure", (int)exposure,
+                  "mean_dn", number(d->mean_dn), "read_noise_dn", number(d->read_noise_dn),
+                  "clipped", number(d->clipped), "defects", (int)d->n_defects);
+    return old ? json_array_set_new(darks, at, dark) : json_array_append_new(darks, dark);
+}
+
+static int put_clock(json_t *clocks, const char *name, const struct ls_clock_finding *c)
+{
+    if (c->pairs == 0)
+        return 0;
+    /* in integers: a double holds no nanoseconds of a clock that has run for months */
+    uint64_t shown_ns = c->ticks * (uint64_t)c->tick_ns, host_ns = (uint64_t)c->host_ns;
+    return json_array_append_new(
+        clocks,
+        json_pack("{ss sf sI sI sf sf sf si}", "clock", name, "tick_ns", c->tick_ns, "ticks",
+                  (json_int_t)c->ticks, "offset_ns", (json_int_t)(host_ns - shown_ns), "drift_ppm",
+                  c->drift_ppm, "residual_rms_us", c->residual_rms_us, "residual_max_us",
+                  c->residual_max_us, "pairs", (int)c->pairs));
+}
+
+/* The array under @key, made if there is none. (transfer none). */
+static json_t *array_of(json_t *doc, const char *key)
+{
+    if (!json_is_array(json_object_get(doc, key)))
+        json_object_set_new(doc, key, json_array());
+    return json_object_get(doc, key);
+}
+
+static int put(const struct ls_findings *f, json_t *doc)
+{
+    json_t *darks = array_of(doc, "darks"), *clocks = array_of(doc, "clocks");
+    int bad = put_clock(clocks, "controller", &f->controller);
+    for (uint32_t i = 0; i < f->n_cameras; i++) {
+        char name[16];
+        snprintf(name, sizeof name, "cam%u", i);
+        bad |= put_clock(clocks, name, &f->cameras[i]);
+        for (uint32_t e = 0; e < f->n_exposures; e++)
+            bad |= put_dark(darks, i, e, &f->darks[i][e]);
+    }
+    return bad;
+}
+
+enum ls_err ls_findings_put(const struct ls_findings *findings, const char *take_json, char **text,
+                            struct ls_diag *diag)
+{
+    json_error_t error;
+    json_t *doc = json_loads(take_json, JSON_REJECT_DUPLICATES, &error);
+    if (!json_is_object(doc)) {
+        ls_fail(diag, LS_ERR_INVALID, "take.json:%d: %s", doc ? 1 : error.line,
+                doc ? "expected an object" : error.text);
+        json_decref(doc);
+        return LS_ERR_INVALID;
+    }
+    *text = put(findings, doc) ? NULL : json_dumps(doc, JSON_COMPACT | JSON_REAL_PRECISION(17));
+    json_decref(doc);
+    return *text ? LS_OK : ls_fail(diag, LS_ERR_NOMEM, "out of memory writing take.json");
+}
