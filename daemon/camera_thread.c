@@ -115,6 +115,7 @@ static void arm(struct ls_camera_thread *thread, uint32_t n_steps)
     atomic_store(&thread->settled, 0);
     atomic_store(&thread->pending, 0);
     atomic_fetch_add(&thread->programs, 1);
+    sem_post(thread->config.armed);
 }
 
 static void hear(struct ls_camera_thread *thread, const struct ls_camera_message *message)

@@ -55,6 +55,7 @@ struct ls_camera_thread_config {
     struct ls_camera_frame anchor; /* of the last warm-up pulse */
     struct ls_queue *inlet;        /* of struct ls_bound_frame, room for every slot */
     sem_t *work;                   /* posted once per bound frame */
+    sem_t *armed;                  /* posted once per LS_CAMERA_ARMED dealt with */
     int rt_priority;               /* 0 = normal */
 };
 

@@ -1,5 +1,6 @@
 #include "daemon/realtime.h"
 
+#include <errno.h>
 #include <pthread.h>
 #include <sched.h>
 #include <time.h>
@@ -22,4 +23,15 @@ void ls_host_sleep(uint64_t us)
     const struct timespec t = {.tv_sec = (time_t)(us / 1000000),
                                .tv_nsec = (long)(us % 1000000) * 1000};
     nanosleep(&t, NULL);
+}
+
+void ls_host_wait(sem_t *sem, uint64_t us)
+{
+    struct timespec until;
+    clock_gettime(CLOCK_MONOTONIC, &until);
+    uint64_t ns = (uint64_t)until.tv_nsec + us % 1000000 * 1000;
+    until.tv_sec += (time_t)(us / 1000000 + ns / 1000000000);
+    until.tv_nsec = (long)(ns % 1000000000);
+    while (sem_clockwait(sem, CLOCK_MONOTONIC, &until) && errno == EINTR)
+        ;
 }

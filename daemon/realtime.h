@@ -5,6 +5,7 @@
 #ifndef LS_DAEMON_REALTIME_H
 #define LS_DAEMON_REALTIME_H
 
+#include <semaphore.h>
 #include <stdbool.h>
 #include <stdint.h>
 
@@ -22,5 +23,8 @@ uint64_t ls_host_ns(void);
 
 /** Sleep for @us. RT-safe. */
 void ls_host_sleep(uint64_t us);
+
+/** Wait until @sem is posted, @us at most. RT-safe. */
+void ls_host_wait(sem_t *sem, uint64_t us);
 
 #endif

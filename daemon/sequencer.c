@@ -11,6 +11,7 @@ enum {
     POLL_US = 1500, /* step events are read this often, grants follow as often */
     EVENTS = 64,
     PAIR_GAP_NS = 50000000, /* LS_CLOCK_PAIRS of these: the baseline of the clock's drift */
+    LOOK_AGAIN_US = 10000,  /* an abort is noticed so late while cameras are being armed */
     ANSWER_US = 5000000,    /* a thread of ours that does not answer for so long is stuck */
 };
 
@@ -359,7 +360,7 @@ static enum ls_err arm(struct run *run)
     uint64_t until = ls_host_ns() + ANSWER_US * 1000ull;
     while (!err && !all_armed(run, programs)) {
         err = ls_host_ns() > until ? LS_ERR_BUG : interrupted(run->seq);
-        ls_host_sleep(100);
+        ls_host_wait(run->seq->armed, LOOK_AGAIN_US);
     }
     return err ? err : ls_lights_arm(run->seq->lights, run->diag);
 }
