@@ -216,7 +216,7 @@ static void test_limits(void)
          60000,
          1000,
          0},
-        {"light 6: expected 0..5",
+        {"light address 6: expected 0..5",
          LS_WIRE_REFUSED_LIGHT,
          LS_WIRE_FAULT_PROGRAM,
          {6, 0, 65535},
