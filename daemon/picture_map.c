@@ -15,9 +15,10 @@ static enum ls_err map_file(struct ls_picture_map *map, const char *path, struct
 {
     struct stat info;
     int fd = open(path, O_RDONLY | O_CLOEXEC | O_NOFOLLOW);
-    if (fd < 0)
-        return ls_fail(diag, errno == ENOENT ? LS_ERR_NOT_FOUND : LS_ERR_OS, "%s: %s", path,
-                       strerror(errno));
+    if (fd < 0) {
+        bool ours = errno == EMFILE || errno == ENFILE || errno == ENOMEM;
+        return ls_fail(diag, ours ? LS_ERR_OS : LS_ERR_INVALID, "%s: %s", path, strerror(errno));
+    }
     enum ls_err err = LS_OK;
     if (fstat(fd, &info) || !S_ISREG(info.st_mode) || info.st_size <= 0) {
         err = ls_fail(diag, LS_ERR_INVALID, "%s: expected a file that is not empty", path);

@@ -24,8 +24,8 @@ struct ls_picture_map {
 
 /**
  * Map @folder/@file, which must be a picture of @width x @height halves in 64 x 64 tiles. Errors:
- * LS_ERR_NOT_FOUND, LS_ERR_OS, LS_ERR_INVALID (not what was published), those of
- * ls_exr_map_tiles.
+ * LS_ERR_INVALID (gone, unreadable or not what was published: the take is damaged), LS_ERR_OS, those
+ * of ls_exr_map_tiles.
  */
 LS_MUST_CHECK enum ls_err ls_picture_map_open(struct ls_picture_map *map, const char *folder,
                                               const char *file, uint32_t width, uint32_t height,

@@ -593,6 +593,11 @@ static void a_picture_cut_short_between_two_relights_is_named(struct hall *hall,
     g_assert_cmpuint(number, ==, LS_PROTO_DAMAGED);
     g_assert_nonnull(strstr(text, "W-0002.exr"));
     g_free(text);
+    g_assert_cmpint(unlink(path), ==, 0);
+    text = refusal_of(hall, &r, &number);
+    g_assert_cmpuint(number, ==, LS_PROTO_DAMAGED);
+    g_assert_nonnull(strstr(text, "W-0002.exr: No such file"));
+    g_free(text);
     g_free(path);
     ls_connection_close(hall->client); /* the daemon lives */
     hall->client = a_client(&hall->stage);
