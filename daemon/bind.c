@@ -34,6 +34,7 @@ struct ls_bind {
     uint32_t settled;
     uint32_t open; /* by order: the step frames belong to, or NO_STEP */
     bool suspect, late_seen;
+    int64_t due; /* by order: triggers without a frame, by id; below 0: frames without a trigger */
     uint64_t until_us;
     struct anchor anchor;
     struct step *steps;
@@ -115,6 +116,7 @@ void ls_bind_anchor(struct ls_bind *bind, const struct ls_camera_frame *frame)
     bind->anchor = (struct anchor){
         .valid = true, .step = -1, .frame_id = frame->frame_id, .counter = frame->trigger_counter};
     bind->suspect = false;
+    bind->due = 0;
 }
 
 enum ls_err ls_bind_event(struct ls_bind *bind, const struct ls_step_event *event,
@@ -140,8 +142,22 @@ void ls_bind_until(struct ls_bind *bind, uint64_t us)
 
 void ls_bind_open(struct ls_bind *bind, uint32_t step)
 {
-    if (step < bind->n_steps)
-        bind->open = step;
+    if (step >= bind->n_steps)
+        return;
+    bind->open = step;
+    bind->due++;
+}
+
+void ls_bind_quiet(struct ls_bind *bind)
+{
+    bind->due = 0;
+    bind->late_seen = false;
+    bind->suspect = !bind->anchor.valid;
+}
+
+bool ls_bind_suspect(const struct ls_bind *bind)
+{
+    return bind->suspect;
 }
 
 /* By order: the step is over; without a frame, or with frames of unknown order. */
@@ -149,8 +165,11 @@ void ls_bind_expire(struct ls_bind *bind, uint32_t step)
 {
     if (step >= bind->n_steps || bind->steps[step].outcome != LS_BIND_OPEN)
         return;
-    if (bind->late_seen) {
-        bind->suspect = false;
+    if (step != bind->open) {
+        bool clipped = bind->steps[step].event.flags & LS_EVENT_CLIPPED;
+        settle(bind, step, LS_BIND_MISSING, clipped ? LS_BIND_CLIPPED : LS_BIND_NO_FRAME);
+    } else if (bind->late_seen) {
+        bind->suspect = bind->due != 0;
         bind->late_seen = false;
         settle(bind, step, LS_BIND_AMBIGUOUS, LS_BIND_SUSPECT);
     } else {
@@ -348,6 +367,8 @@ static bool decide_by_time(struct ls_bind *bind, const struct pending *pending,
 static void collect(struct ls_bind *bind, const struct ls_camera_frame *frame,
                     struct ls_bind_verdict *verdict)
 {
+    if (bind->anchor.valid)
+        bind->due -= (int64_t)(frame->frame_id - bind->anchor.frame_id);
     move_anchor(bind, bind->open == LS_BIND_NO_STEP ? bind->anchor.step : bind->open, frame);
     bind->late_seen = bind->open != LS_BIND_NO_STEP;
     tell_frame(verdict, frame, LS_BIND_SUSPECT);
@@ -373,16 +394,18 @@ static bool decide_by_order(struct ls_bind *bind, const struct pending *pending,
         return false;
     int64_t di = (int64_t)(frame->frame_id - bind->anchor.frame_id);
     uint32_t dc = frame->trigger_counter - bind->anchor.counter;
-    enum ls_bind_reason reason = di != 1 || (bind->config.has_counter && dc != 1)
+    enum ls_bind_reason reason = di != 1 || bind->due != 1 || (bind->config.has_counter && dc != 1)
                                      ? LS_BIND_IDS
                                      : check_exposure(bind, &bind->steps[step], frame);
     if (reason == LS_BIND_FINE) {
         tell_bound(bind, step, frame, 0, verdict);
     } else {
-        settle(bind, step, LS_BIND_AMBIGUOUS, reason);
+        bind->suspect = bind->due != 1;
+        settle_before(bind, (int64_t)step + 1, LS_BIND_AMBIGUOUS, reason);
         tell_frame(verdict, frame, reason);
     }
     move_anchor(bind, step, frame);
+    bind->due = 0;
     return true;
 }
 

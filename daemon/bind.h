@@ -22,9 +22,11 @@
  * step and all since the anchor's are ambiguous, and the frame becomes the new anchor.
  *
  * By order (camera without timestamps, driven one step at a time): the frame that follows the
- * opening of a step is that step's if di == 1 (and dc == 1). After a step without a frame the order
- * is lost: the next step waits out its whole patience, collects what comes late, is ambiguous, and
- * the last frame seen is the new anchor.
+ * opening of a step is that step's if di == 1 (and dc == 1). After an opened step without a frame
+ * the order is lost (*suspect*): what comes late is collected and discarded, the next steps wait
+ * out their patience and are ambiguous or missing, until the frame ids have grown by as much as
+ * steps were opened since, or a quiet time has passed: a whole patience in which nothing was
+ * triggered. The last frame seen is the new anchor.
  *
  * A step is missing when a later one is bound, or when `patience_us` after its start nothing came.
  * A frame that comes later still is discarded.
@@ -117,8 +119,16 @@ void ls_bind_until(struct ls_bind *bind, uint64_t us);
 /** By order: @step is lit and the camera is being triggered; later frames are its. RT-safe. */
 void ls_bind_open(struct ls_bind *bind, uint32_t step);
 
-/** By order: the open step's patience is over although its event is still to come. RT-safe. */
+/** By order: @step gets no frame any more, although its event may be still to come: its patience
+ * is over, or it was never opened because its light went off too early. RT-safe. */
 void ls_bind_expire(struct ls_bind *bind, uint32_t step);
+
+/** By order: is the order lost? RT-safe. */
+bool ls_bind_suspect(const struct ls_bind *bind);
+
+/** By order: nothing was triggered for so long that no frame is on its way: the order is known
+ * again. RT-safe. */
+void ls_bind_quiet(struct ls_bind *bind);
 
 /** A frame from the driver; @mapped_us: its timestamp on the controller's clock (by time only).
  * @slack_us: how far the clocks may have parted since they were last compared, added to

@@ -21,7 +21,7 @@ struct ls_camera_thread {
     struct ls_bind *bind;
     struct ls_queue messages;
     _Atomic uint64_t until_us;
-    _Atomic bool stopping;
+    _Atomic bool stopping, suspect;
     _Atomic uint32_t programs, settled, pending, bound, unusable;
     _Atomic int failure;
     struct ls_camera_residuals residuals;
@@ -98,6 +98,7 @@ static void obey_all(struct ls_camera_thread *thread)
     struct ls_bind_verdict verdict;
     while (ls_bind_next(thread->bind, &verdict))
         obey(thread, &verdict);
+    atomic_store(&thread->suspect, ls_bind_suspect(thread->bind));
     atomic_store(&thread->pending, ls_bind_pending(thread->bind));
     atomic_store(&thread->settled, ls_bind_settled(thread->bind));
 }
@@ -136,6 +137,9 @@ static void hear(struct ls_camera_thread *thread, const struct ls_camera_message
     case LS_CAMERA_EXPIRED:
         ls_bind_expire(thread->bind, message->step);
         break;
+    case LS_CAMERA_QUIET:
+        ls_bind_quiet(thread->bind);
+        break;
     }
 }
 
@@ -170,6 +174,8 @@ static void *run(void *data)
     ls_realtime_enter(thread->config.rt_priority);
     while (!atomic_load(&thread->stopping)) {
         enum ls_err err = ls_camera_next(thread->config.camera, WAIT_US, &frame);
+        if (err == LS_OK && !thread->config.bind.by_time)
+            hear_all(thread); /* its step was opened before it came */
         if (err == LS_OK)
             accept_frame(thread, &frame);
         else if (err != LS_ERR_TIMEOUT && !atomic_load(&thread->stopping))
@@ -225,9 +231,11 @@ void ls_camera_thread_until(struct ls_camera_thread *thread, uint64_t us)
 
 void ls_camera_thread_counts(const struct ls_camera_thread *thread, struct ls_camera_counts *out)
 {
+    uint32_t settled = atomic_load(&thread->settled); /* first: what it tells is in the others */
     *out = (struct ls_camera_counts){.programs = atomic_load(&thread->programs),
-                                     .settled = atomic_load(&thread->settled),
+                                     .settled = settled,
                                      .pending = atomic_load(&thread->pending),
+                                     .suspect = atomic_load(&thread->suspect),
                                      .bound = atomic_load(&thread->bound),
                                      .unusable = atomic_load(&thread->unusable),
                                      .failure = (enum ls_err)atomic_load(&thread->failure)};

@@ -32,10 +32,11 @@ struct ls_bound_frame {
 };
 
 enum ls_camera_message_kind {
-    LS_CAMERA_ARMED,  /* step = number of steps of the new program */
-    LS_CAMERA_FIRED,  /* event, exposure_us */
-    LS_CAMERA_OPENED, /* by order: step is lit */
-    LS_CAMERA_EXPIRED /* by order: step's patience is over */
+    LS_CAMERA_ARMED,   /* step = number of steps of the new program */
+    LS_CAMERA_FIRED,   /* event, exposure_us */
+    LS_CAMERA_OPENED,  /* by order: step is lit */
+    LS_CAMERA_EXPIRED, /* by order: step gets no frame any more */
+    LS_CAMERA_QUIET,   /* by order: no frame is on its way */
 };
 
 struct ls_camera_message {
@@ -63,6 +64,7 @@ struct ls_camera_counts {
     uint32_t programs;        /* LS_CAMERA_ARMED messages dealt with */
     uint32_t settled;         /* steps of this program with a verdict */
     uint32_t pending;         /* frames here and not decided */
+    bool suspect;             /* by order: the order is lost */
     uint32_t bound, unusable; /* verdicts since start: bound; missing or ambiguous */
     enum ls_err failure;      /* LS_ERR_GONE, LS_ERR_BUG ...: the thread has ended */
 };

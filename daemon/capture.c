@@ -275,7 +275,8 @@ static struct ls_bind_config bind_config(const struct ls_capture *c, uint32_t i)
                                    .has_exposure = info->has_chunk_exposure,
                                    .window_us = window_us,
                                    .tight_us = fmin(window_us, TIGHT_US),
-                                   .event_delay_us = MARGIN_US / 2.0,
+                                   .event_delay_us =
+                                       longest_pulse_us(c->setup.plan) + MARGIN_US / 2.0,
                                    .patience_us = (double)c->patience_us,
                                    .exposure_tolerance_us = 5,
                                    .exposure_tolerance = 0.01};
@@ -530,8 +531,10 @@ static void fill_report(struct ls_capture *c, struct ls_capture_report *report)
 /* The sentence of the stage that failed first. */
 static enum ls_err explain(struct ls_capture *c, enum ls_err err, struct ls_diag *diag)
 {
+    const char *leds = c->sequencer.maybe_lit ? "LEDs may be lit until the heartbeat blanks them"
+                                              : "LEDs are dark";
     if (err == LS_ERR_ABORTED)
-        return ls_fail(diag, err, "aborted: LEDs are dark, everything complete is stored");
+        return ls_fail(diag, err, "aborted: %s, everything complete is stored", leds);
     if (err != LS_ERR_STATE)
         return err;
     enum ls_err merge = (enum ls_err)atomic_load(c->sequencer.failure);
@@ -546,9 +549,9 @@ static enum ls_err explain(struct ls_capture *c, enum ls_err err, struct ls_diag
             ls_camera_thread_counts(c->threads[i], &counts);
         if (counts.failure)
             return ls_fail(diag, counts.failure,
-                           "camera %s: %s: LEDs are dark, everything complete is stored; check "
-                           "its cable and power, then resume the take",
-                           config_of(c, i)->name, ls_err_name(counts.failure));
+                           "camera %s: %s: %s, everything complete is stored; check its cable and "
+                           "power, then resume the take",
+                           config_of(c, i)->name, ls_err_name(counts.failure), leds);
     }
     return err;
 }

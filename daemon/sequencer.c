@@ -24,13 +24,15 @@ struct run {
     struct ls_step_event events[EVENTS];
     struct ls_lights_status status;
     uint32_t granted, seen; /* steps granted; steps with an event, by the highest index */
+    bool released;          /* the last granted step, held, was told to end */
     uint64_t safe_us;       /* controller time of the poll before: its events have all been read */
     uint64_t progress_ns;   /* host time of the last event or grant that ended a drought */
     uint64_t first_us;
     uint64_t compared_ns;               /* host time of the clock's newest pair */
     double timed_us[LS_MAX_CAMERAS][2]; /* exposure register, of even and odd steps: a held step's
                                            event comes when the next one's is already written */
-    enum ls_err err;
+    enum ls_err err, dark_err;          /* of the program; of the blank after it */
+    struct ls_diag dark;
 };
 
 void ls_sequencer_fault_names(uint32_t faults, char *text, size_t size)
@@ -89,17 +91,28 @@ static double exposure_of(const struct run *run, uint32_t camera, const struct l
     return c->timed ? run->timed_us[camera][event->step & 1] : event->width_us + c->offset_us;
 }
 
+/* A held step that ended although nobody here released it: at its limit, or by a mistake. */
+static bool ended_early(const struct run *run, uint32_t step)
+{
+    return run->program->steps[step].flags & LS_STEP_HOLD && step + 1 >= run->granted &&
+           !run->released;
+}
+
 static enum ls_err pass_on(struct run *run, const struct ls_step_event *event)
 {
     struct ls_camera_message message = {.kind = LS_CAMERA_FIRED, .event = *event};
     if (event->step >= run->program->n_steps || event->step < run->seen)
         return LS_ERR_MISMATCH;
+    if (ended_early(run, event->step))
+        message.event.flags |= LS_EVENT_CLIPPED;
     if (run->seq->fired++ == 0)
         run->seq->first_us = event->us;
     if (run->seen == 0)
         run->first_us = event->us;
     run->seen = event->step + 1;
     run->seq->last_us = event->us;
+    uint64_t alone_us = event->us + run->program->period_us / 2; /* no step starts so soon after */
+    run->safe_us = alone_us > run->safe_us ? alone_us : run->safe_us;
     for (uint32_t i = 0; i < run->seq->n_cameras; i++) {
         message.exposure_us = exposure_of(run, i, event);
         if (!tell_camera(run, i, &message))
@@ -133,7 +146,8 @@ static enum ls_err poll_once(struct run *run)
     if (n < EVENTS) {
         for (uint32_t i = 0; i < run->seq->n_cameras; i++)
             ls_camera_thread_until(run->seq->cameras[i].thread, run->safe_us);
-        run->safe_us = run->status.now_us;
+        if (!run->status.holding) /* its event is still to come, of a time gone by */
+            run->safe_us = run->status.now_us;
     }
     bool runs = run->status.state == LS_LIGHTS_ARMED || run->status.state == LS_LIGHTS_DONE;
     return runs ? LS_OK : LS_ERR_REFUSED;
@@ -150,8 +164,10 @@ static enum ls_err check_stall(struct run *run)
 static enum ls_err grant(struct run *run, uint32_t n_steps)
 {
     enum ls_err err = ls_lights_grant(run->seq->lights, n_steps, run->diag);
-    if (!err)
+    if (!err) {
+        run->released = n_steps == run->granted;
         run->granted = n_steps;
+    }
     enum ls_err why = err == LS_ERR_REFUSED ? poll_once(run) : LS_OK; /* its state says more */
     return why ? why : err;
 }
@@ -243,20 +259,27 @@ static bool is_lit(const struct run *run, uint32_t step)
     return run->seen > step;
 }
 
-static enum ls_err trigger(struct run *run)
+/* While a held step is lit: the cameras without a line. Its event says that the light is off. */
+static enum ls_err trigger(struct run *run, uint32_t step)
 {
+    const struct ls_camera_message opened = {.kind = LS_CAMERA_OPENED, .step = step};
+    bool held = run->program->steps[step].flags & LS_STEP_HOLD;
     for (uint32_t i = 0; i < run->seq->n_cameras; i++) {
         struct ls_sequencer_camera *camera = &run->seq->cameras[i];
         enum ls_err err = LS_OK;
-        if (!camera->software)
-            continue;
-        while (!err && ls_host_ns() - camera->triggered_ns < camera->min_interval_us * 1000)
+        while (!err && camera->software &&
+               ls_host_ns() - camera->triggered_ns < camera->min_interval_us * 1000)
             err = turn(run);
-        if (!err)
+        if (!err && held && run->seen > step)
+            return LS_OK;
+        if (!err && held && !tell_camera(run, i, &opened))
+            err = LS_ERR_BUG;
+        if (!err && camera->software)
             err = ls_camera_trigger(camera->camera, run->diag);
         if (err)
             return err;
-        camera->triggered_ns = ls_host_ns();
+        if (camera->software)
+            camera->triggered_ns = ls_host_ns();
     }
     return LS_OK;
 }
@@ -265,7 +288,8 @@ static bool has_frame(const struct run *run, uint32_t camera, uint32_t step)
 {
     struct ls_camera_counts counts;
     ls_camera_thread_counts(run->seq->cameras[camera].thread, &counts);
-    return counts.pending > 0 || counts.settled > step;
+    /* a frame pending while the step before is not settled is that step's */
+    return counts.settled > step || (counts.settled == step && counts.pending > 0);
 }
 
 static bool all_have_frames(const struct run *run, uint32_t step)
@@ -280,11 +304,52 @@ static bool all_have_frames(const struct run *run, uint32_t step)
 static enum ls_err expire(struct run *run, uint32_t step)
 {
     const struct ls_camera_message message = {.kind = LS_CAMERA_EXPIRED, .step = step};
-    for (uint32_t i = 0; i < run->seq->n_cameras; i++)
-        if (!run->seq->cameras[i].by_time && !has_frame(run, i, step) &&
-            !tell_camera(run, i, &message))
+    for (uint32_t i = 0; i < run->seq->n_cameras; i++) {
+        enum ls_err err = LS_OK;
+        if (run->seq->cameras[i].by_time || has_frame(run, i, step))
+            continue;
+        if (!tell_camera(run, i, &message))
             return LS_ERR_BUG;
+        while (!err && !has_frame(run, i, step))
+            err = turn(run);
+        if (err)
+            return err;
+    }
     return LS_OK;
+}
+
+static bool order_is_lost(const struct run *run)
+{
+    for (uint32_t i = 0; i < run->seq->n_cameras; i++) {
+        struct ls_camera_counts counts;
+        ls_camera_thread_counts(run->seq->cameras[i].thread, &counts);
+        if (!run->seq->cameras[i].by_time && counts.suspect)
+            return true;
+    }
+    return false;
+}
+
+static enum ls_err release(struct run *run)
+{
+    return grant(run, run->granted);
+}
+
+/* What is late comes while nothing is triggered, and is nobody's. */
+static enum ls_err wait_for_order(struct run *run)
+{
+    const struct ls_camera_message quiet = {.kind = LS_CAMERA_QUIET};
+    uint64_t until = ls_host_ns() + run->seq->patience_us * 1000;
+    enum ls_err err = LS_OK;
+    if (!order_is_lost(run))
+        return LS_OK;
+    if (run->status.holding)
+        err = release(run);
+    while (!err && ls_host_ns() < until)
+        err = turn(run);
+    for (uint32_t i = 0; i < run->seq->n_cameras && !err; i++)
+        if (!run->seq->cameras[i].by_time && !tell_camera(run, i, &quiet))
+            err = LS_ERR_BUG;
+    return err;
 }
 
 static enum ls_err wait_for_frames(struct run *run, uint32_t step)
@@ -297,14 +362,17 @@ static enum ls_err wait_for_frames(struct run *run, uint32_t step)
         if (ls_host_ns() > until)
             return expire(run, step);
     }
-    return LS_OK;
+    /* did the light last as long as the exposure? */
+    return run->program->steps[step].flags & LS_STEP_HOLD ? poll_once(run) : LS_OK;
 }
 
 static enum ls_err do_step(struct run *run, uint32_t step)
 {
     const struct ls_camera_message opened = {.kind = LS_CAMERA_OPENED, .step = step};
     bool held = run->program->steps[step].flags & LS_STEP_HOLD;
-    enum ls_err err = wait_for_room(run, step);
+    enum ls_err err = wait_for_order(run);
+    if (!err)
+        err = wait_for_room(run, step);
     if (!err)
         err = set_exposures(run, step);
     if (!err && !held)
@@ -313,10 +381,10 @@ static enum ls_err do_step(struct run *run, uint32_t step)
         err = grant(run, step + 1);
     while (!err && !is_lit(run, step))
         err = turn(run);
-    if (!err && held)
-        err = tell_all(run, &opened);
-    if (!err)
-        err = trigger(run);
+    if (!err && held && run->seen > step)
+        err = expire(run, step);
+    else if (!err)
+        err = trigger(run, step);
     return err ? err : wait_for_frames(run, step);
 }
 
@@ -327,7 +395,7 @@ static enum ls_err one_by_one(struct run *run)
     for (uint32_t step = 0; step < n && !err; step++)
         err = do_step(run, step);
     if (!err && n > 0 && run->program->steps[n - 1].flags & LS_STEP_HOLD)
-        err = grant(run, n);
+        err = release(run);
     while (!err && (credit_limit(run, &settled), settled < n))
         err = turn(run);
     return err;
@@ -383,6 +451,7 @@ static enum ls_err execute(struct run *run)
 static void explain(struct run *run)
 {
     char faults[160];
+    const char *dark = run->dark_err ? "" : "LEDs are dark; ";
     uint32_t step = run->seen;
     if (run->err == LS_ERR_REFUSED && run->status.state == LS_LIGHTS_FAULT) {
         ls_sequencer_fault_names(run->status.faults, faults, sizeof faults);
@@ -393,35 +462,40 @@ static void explain(struct run *run)
     } else if (run->err == LS_ERR_REFUSED && run->granted > 0 &&
                run->status.state != LS_LIGHTS_ARMED) {
         ls_fail(run->diag, run->err,
-                "the light controller was blanked by somebody else at step %u: LEDs are dark; "
-                "resume the take",
-                step);
+                "the light controller was blanked by somebody else at step %u: %sresume the take",
+                step, dark);
     } else if (run->err == LS_ERR_TIMEOUT && !run->diag->text[0]) {
         ls_fail(run->diag, run->err,
                 "the light controller fired nothing for %.1f s although granted %u steps, %u of "
-                "them fired: LEDs are dark; check it, then resume the take",
-                (double)run->seq->stall_us * 1e-6, run->granted, run->seen);
+                "them fired: %scheck it, then resume the take",
+                (double)run->seq->stall_us * 1e-6, run->granted, run->seen, dark);
     } else if (run->err == LS_ERR_MISMATCH && !run->diag->text[0]) {
         ls_fail(run->diag, run->err,
-                "the light controller reports steps out of order after step %u: LEDs are dark; "
-                "resume the take",
-                step);
+                "the light controller reports steps out of order after step %u: %sresume the take",
+                step, dark);
     } else if (run->err == LS_ERR_BUG && !run->diag->text[0]) {
         ls_fail(run->diag, run->err, "a camera thread does not answer");
     }
 }
 
+/* The last word on the LEDs, behind whatever went wrong before. */
+static void explain_dark(struct run *run)
+{
+    static const char lit[] = "LEDs may be lit until the heartbeat blanks them";
+    const struct ls_diag before = *run->diag;
+    if (!run->err)
+        run->err = ls_fail(run->diag, run->dark_err, "%.400s: %s", run->dark.text, lit);
+    else
+        ls_fail(run->diag, run->err, "%.260s; and blanking failed (%.150s): %s",
+                before.text[0] ? before.text : ls_err_name(run->err), run->dark.text, lit);
+}
+
 static void *run_thread(void *data)
 {
     struct run *run = data;
-    struct ls_diag dark = {{0}};
     ls_realtime_enter(LS_PRIORITY_SEQ);
     run->err = execute(run);
-    enum ls_err err = ls_lights_blank(run->seq->lights, &dark);
-    if (!run->err && err) {
-        run->err = err;
-        *run->diag = dark;
-    }
+    run->dark_err = ls_lights_blank(run->seq->lights, &run->dark);
     return NULL;
 }
 
@@ -445,6 +519,9 @@ enum ls_err ls_sequencer_run(struct ls_sequencer *sequencer, const struct ls_pro
     pthread_join(thread, NULL);
     if (run.err)
         explain(&run);
+    sequencer->maybe_lit = run.dark_err != LS_OK;
+    if (run.dark_err)
+        explain_dark(&run);
     if (run.err && diag)
         *diag = own;
     return run.err;

@@ -5,11 +5,15 @@
  *
  * Load, arm, then until every camera has a verdict on every step: grant credit, poll step events,
  * pass them on to the cameras' threads. Between arm and the end nothing of ours allocates, locks or
- * writes text; sentences are written once it is over. Whatever ends it, LEDs are dark on return.
+ * writes text; sentences are written once it is over. Whatever ends it, LEDs are dark on return, or
+ * the sentence says that they may be lit.
  *
  * Stepwise (a camera without line trigger or timestamps, or whose exposure must be written between
  * the steps of a bracket): one step is granted, the cameras without a line are triggered once it is
  * lit, and the next grant, which ends a held step, waits for every camera's frame or its patience.
+ * A held step whose event comes before that went dark by itself: nothing is triggered in it any
+ * more, its event is marked as clipped, and it is shot again. When a camera bound by order has lost
+ * it, nothing is triggered for a whole patience.
  */
 #ifndef LS_DAEMON_SEQUENCER_H
 #define LS_DAEMON_SEQUENCER_H
@@ -52,6 +56,7 @@ struct ls_sequencer {
     struct ls_clock *controller; /* against the host, ns; status reads are added as they come */
     const _Atomic bool *abort;
     const _Atomic int *failure; /* enum ls_err of another stage: stop; LS_OK = go on */
+    bool maybe_lit;             /* result: the blank after the last program failed */
     /* results, added up over programs */
     uint64_t first_us, last_us; /* of the pulses, controller clock, of this and earlier programs */
     double pulse_seconds;       /* sum over programs: first to last pulse */

@@ -67,6 +67,16 @@ static uint64_t camera_clock(const struct fake_rig *rig, uint64_t host_ns)
     return 5000000000000ull + (uint64_t)((double)(host_ns - rig->start_ns) * (1 - 60e-6));
 }
 
+static bool is_software(const struct ls_camera *camera)
+{
+    return camera->rig->options.software && !(camera->rig->options.mixed && camera->index == 1);
+}
+
+static bool has_time(const struct ls_camera *camera)
+{
+    return !camera->rig->options.no_time || (camera->rig->options.mixed && camera->index == 1);
+}
+
 static void draw(const struct ls_camera *camera, uint32_t slot, uint32_t pulse, int light,
                  uint32_t width_us, double exposure_us)
 {
@@ -103,12 +113,14 @@ static void expose(struct ls_camera *camera, uint64_t at_ns, uint32_t pulse, int
     draw(camera, slot, pulse, light, width_us, exposure_us);
     struct ready *ready = &camera->ready[camera->n_ready++];
     ready->at_ns = at_ns + (uint64_t)(exposure_us + rig->options.frame_delay_us) * 1000;
+    if (fault == FAKE_SLOW || fault == FAKE_SLOWER)
+        ready->at_ns += fault == FAKE_SLOW ? 250000000 : 400000000;
     ready->frame =
         (struct ls_camera_frame){.slot = slot,
                                  .status = fault == FAKE_LOST ? LS_FRAME_LOST : LS_FRAME_OK,
                                  .payload_bytes = FAKE_WIDTH * FAKE_HEIGHT * 2,
                                  .frame_id = camera->frame_id,
-                                 .camera_ns = rig->options.no_time ? 0 : camera_clock(rig, at_ns),
+                                 .camera_ns = has_time(camera) ? camera_clock(rig, at_ns) : 0,
                                  .trigger_counter = camera->counter,
                                  .chunk_exposure_us = exposure_us};
 }
@@ -164,8 +176,10 @@ static void fire(struct fake_rig *rig)
         rig->cameras[0].gone = true;
     if (light >= 0)
         rig->last_lit_ns = at_ns;
-    for (uint32_t i = 0; i < rig->options.n_cameras && !rig->options.software; i++)
-        expose(&rig->cameras[i], at_ns, pulse, light, step->pulse_us, i == 0 ? fault : FAKE_FINE);
+    for (uint32_t i = 0; i < rig->options.n_cameras; i++)
+        if (!is_software(&rig->cameras[i]))
+            expose(&rig->cameras[i], at_ns, pulse, light, step->pulse_us,
+                   i == 0 ? fault : FAKE_FINE);
     if (fault == FAKE_DOUBLED)
         expose(&rig->cameras[0], at_ns + rig->period_us * 500ull, pulse, -1, step->pulse_us,
                FAKE_FINE);
@@ -177,6 +191,8 @@ static void fire(struct fake_rig *rig)
         rig->light_now = light;
         rig->held = event;
         rig->held_ns = at_ns;
+        if (fault == FAKE_UNLIT)
+            release(rig, at_ns + 1000);
     } else {
         add_event(rig, &event);
     }
@@ -300,9 +316,10 @@ enum ls_err ls_lights_poll(struct ls_lights *lights, struct ls_lights_status *st
 enum ls_err ls_lights_blank(struct ls_lights *lights, struct ls_diag *diag)
 {
     g_mutex_lock(&lights->rig->lock);
+    bool fails = lights->rig->options.blank_fails && lights->rig->armed > 1;
     blank(lights->rig);
     g_mutex_unlock(&lights->rig->lock);
-    return LS_OK;
+    return fails ? ls_fail(diag, LS_ERR_GONE, "controller unplugged") : LS_OK;
 }
 
 /* ---- drivers/camera.h ---- */
@@ -385,6 +402,8 @@ enum ls_err ls_camera_trigger(struct ls_camera *camera, struct ls_diag *diag)
     g_mutex_lock(&rig->lock);
     uint32_t pulse = rig->pulses ? rig->pulses - 1 : 0;
     enum fake_fault fault = camera->index == 0 ? fault_of(rig, pulse) : FAKE_FINE;
+    if (fault == FAKE_CUT)
+        release(rig, ls_host_ns());
     expose(camera, ls_host_ns(), pulse, rig->lit ? rig->light_now : -1, 0, fault);
     g_mutex_unlock(&rig->lock);
     return LS_OK;
@@ -429,10 +448,10 @@ static void init_camera(struct fake_rig *rig, uint32_t index)
                                            .height = FAKE_HEIGHT,
                                            .pixel_format = "Mono16",
                                            .payload_bytes = FAKE_WIDTH * FAKE_HEIGHT * 2 + 100,
-                                           .tick_hz = rig->options.no_time ? 0 : 1000000000,
-                                           .has_trigger_counter = !rig->options.no_time,
+                                           .tick_hz = has_time(camera) ? 1000000000 : 0,
+                                           .has_trigger_counter = has_time(camera),
                                            .has_chunk_exposure = true,
-                                           .has_latch = !rig->options.no_time,
+                                           .has_latch = has_time(camera),
                                            .has_trigger_width = !rig->options.timed};
 }
 

@@ -34,11 +34,17 @@ enum fake_fault {
     FAKE_LOST,     /* camera 0's frame comes incomplete */
     FAKE_VANISHED, /* camera 0's frame does not come */
     FAKE_DOUBLED,  /* camera 0 exposes once more, half a period later */
+    FAKE_UNLIT,    /* held: the light goes off as soon as it is on */
+    FAKE_CUT,      /* held: the light goes off just before camera 0 is triggered */
+    FAKE_SLOW,     /* camera 0's frame comes 250 ms later */
+    FAKE_SLOWER,   /* ... 400 ms */
 };
 
 struct fake_options {
     uint32_t n_cameras;
     bool software, timed, no_time; /* kind of cameras */
+    bool mixed;                    /* camera 1 has a line and a clock all the same */
+    bool blank_fails;              /* from the second program on */
     int lose_light;                /* camera 0 never gives a frame of this light; -1 none */
     /* Pulses are counted from the second program on: the first is the warm-up. */
     uint32_t interlock_at;   /* pulse that opens it, 0 = never */

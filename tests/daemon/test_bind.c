@@ -538,6 +538,7 @@ static void test_rearm(void)
 
 /* One step at a time: what a step's frames were, and what became of the step. */
 struct turn {
+    bool quiet; /* before it, nothing was triggered for a patience */
     int frames; /* new ones that arrive while the step is open */
     enum ls_bind_outcome outcome;
 };
@@ -553,6 +554,8 @@ static void take_turns(const struct turn *turns, uint32_t n)
     ls_bind_anchor(bind, &frame);
     ls_bind_arm(bind, n);
     for (uint32_t i = 0; i < n; i++) {
+        if (turns[i].quiet)
+            ls_bind_quiet(bind);
         ls_bind_open(bind, i);
         for (int k = 0; k < turns[i].frames; k++) {
             frame.frame_id++;
@@ -575,16 +578,27 @@ static void take_turns(const struct turn *turns, uint32_t n)
 
 static void test_by_order(void)
 {
-    const struct turn clean[] = {{1, LS_BIND_BOUND}, {1, LS_BIND_BOUND}, {1, LS_BIND_BOUND}};
+    const struct turn clean[] = {
+        {false, 1, LS_BIND_BOUND}, {false, 1, LS_BIND_BOUND}, {false, 1, LS_BIND_BOUND}};
     take_turns(clean, 3);
     /* nothing came; then its frame and the next one's together; then in step again */
-    const struct turn late[] = {
-        {1, LS_BIND_BOUND}, {0, LS_BIND_MISSING}, {2, LS_BIND_AMBIGUOUS}, {1, LS_BIND_BOUND}};
+    const struct turn late[] = {{false, 1, LS_BIND_BOUND},
+                                {false, 0, LS_BIND_MISSING},
+                                {false, 2, LS_BIND_AMBIGUOUS},
+                                {false, 1, LS_BIND_BOUND}};
     take_turns(late, 4);
     /* never came at all */
-    const struct turn gone[] = {
-        {0, LS_BIND_MISSING}, {0, LS_BIND_MISSING}, {1, LS_BIND_AMBIGUOUS}, {1, LS_BIND_BOUND}};
+    const struct turn gone[] = {{false, 0, LS_BIND_MISSING},
+                                {false, 0, LS_BIND_MISSING},
+                                {true, 1, LS_BIND_BOUND},
+                                {false, 1, LS_BIND_BOUND}};
     take_turns(gone, 4);
+    /* each frame comes a step too late: never sure until they are all in, or it was quiet */
+    const struct turn behind[] = {{false, 0, LS_BIND_MISSING},   {false, 1, LS_BIND_AMBIGUOUS},
+                                  {false, 1, LS_BIND_AMBIGUOUS}, {false, 2, LS_BIND_AMBIGUOUS},
+                                  {false, 1, LS_BIND_BOUND},     {false, 0, LS_BIND_MISSING},
+                                  {false, 1, LS_BIND_AMBIGUOUS}, {true, 1, LS_BIND_BOUND}};
+    take_turns(behind, 8);
 }
 
 int main(int argc, char **argv)

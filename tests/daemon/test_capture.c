@@ -65,7 +65,9 @@ static void make_config(struct stage *s)
     for (uint32_t i = 0; i < s->options.n_cameras; i++)
         s->config.cameras[i] = (struct ls_config_camera){
             .name = camera_names[i],
-            .driver = {.trigger = s->options.software ? LS_TRIGGER_SOFTWARE : LS_TRIGGER_LINE,
+            .driver = {.trigger = s->options.software && !(s->options.mixed && i == 1)
+                                      ? LS_TRIGGER_SOFTWARE
+                                      : LS_TRIGGER_LINE,
                        .exposure = s->options.timed ? LS_EXPOSURE_TIMED : LS_EXPOSURE_WIDTH,
                        .frame_retention_us = 20000},
             .position_m = {0, 0, 2},
@@ -682,6 +684,71 @@ static void test_software_lost(void)
     clear(s);
 }
 
+/* A light that is off when the camera exposes gives a dark picture of a lit step. */
+static void test_software_dark(void)
+{
+    struct stage *s = new_stage();
+    s->options.software = s->options.timed = s->options.no_time = true;
+    s->options.faults[FIRST_LIGHT + 3 * 2] = FAKE_UNLIT;
+    s->options.faults[FIRST_LIGHT + 3 * 6 + 2] = FAKE_CUT;
+    s->options.faults[N_STEPS - 1] = FAKE_UNLIT;
+    g_assert_cmpint(shoot(s), ==, LS_OK);
+    expect_complete(s);
+    /* each of the three, and nothing else */
+    g_assert_cmpuint(s->report.final.shots_lost, ==, 3);
+    g_assert_nonnull(strstr(s->report.repaired, "W-0002 (1 shot)"));
+    g_assert_nonnull(strstr(s->report.repaired, "W-0006 (1 shot)"));
+    clear(s);
+}
+
+/* Two frames in a row, later than the patience of 328 ms: each comes while the next step is on. */
+static void test_software_slow(void)
+{
+    struct stage *s = new_stage();
+    s->options.software = s->options.timed = s->options.no_time = true;
+    s->options.faults[FIRST_LIGHT + 3 * 5 + 1] = FAKE_SLOWER;
+    s->options.faults[FIRST_LIGHT + 3 * 5 + 2] = FAKE_SLOWER;
+    g_assert_cmpint(shoot(s), ==, LS_OK);
+    expect_complete(s);
+    g_assert_cmpuint(s->report.final.shots_lost, ==, 2);
+    clear(s);
+}
+
+/* The step's event comes with the end of the hold, long after the other camera's frame. */
+static void test_mixed(void)
+{
+    struct stage *s = new_stage();
+    s->options.n_cameras = 2;
+    s->options.software = s->options.timed = s->options.no_time = s->options.mixed = true;
+    s->options.faults[FIRST_LIGHT + 7] = FAKE_SLOW;
+    g_assert_cmpint(shoot(s), ==, LS_OK);
+    expect_complete(s);
+    g_assert_cmpuint(s->report.final.shots_lost, ==, 0);
+    clear(s);
+}
+
+static void test_blank_fails(void)
+{
+    struct stage *s = new_stage();
+    s->options.blank_fails = true;
+    s->options.interlock_at = FIRST_LIGHT + 20;
+    set_up(s);
+    g_assert_cmpint(ls_capture_run(s->capture, &s->report, &s->diag), ==, LS_ERR_GONE);
+    g_test_message("%s", s->diag.text); /* the darks' program is over, but not its light */
+    g_assert_nonnull(strstr(s->diag.text, "controller unplugged"));
+    g_assert_nonnull(strstr(s->diag.text, "LEDs may be lit"));
+    clear(s);
+    s = new_stage();
+    s->options.blank_fails = true;
+    s->options.interlock_at = 2;
+    set_up(s);
+    g_assert_cmpint(ls_capture_run(s->capture, &s->report, &s->diag), ==, LS_ERR_REFUSED);
+    g_assert_nonnull(strstr(s->diag.text, "interlock open"));
+    g_assert_nonnull(strstr(s->diag.text, "controller unplugged"));
+    g_assert_nonnull(strstr(s->diag.text, "LEDs may be lit"));
+    clear(s);
+}
+
 static void test_timed(void)
 {
     struct stage *s = new_stage();
@@ -730,6 +797,11 @@ int main(int argc, char **argv)
     g_test_add_func("/capture/software-triggered-cameras-hold-the-light", test_software);
     g_test_add_func("/capture/a-software-triggered-camera-that-misses-is-repaired",
                     test_software_lost);
+    g_test_add_func("/capture/a-held-light-that-goes-off-too-early-is-repaired",
+                    test_software_dark);
+    g_test_add_func("/capture/frames-later-than-patience-are-nobodys", test_software_slow);
+    g_test_add_func("/capture/a-long-hold-costs-the-other-camera-nothing", test_mixed);
+    g_test_add_func("/capture/a-failed-blank-is-told-whatever-went-wrong-before", test_blank_fails);
     g_test_add_func("/capture/timed-exposures-are-written-per-step", test_timed);
     g_test_add_func("/capture/a-live-subject-is-shot-in-bursts", test_live);
     return g_test_run();
