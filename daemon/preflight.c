@@ -16,6 +16,7 @@ enum {
     DOCUMENT_BYTES = 8 << 20, /* take.json, twice */
     FLASH_LOW_HZ = 3,         /* visible flashing of a live subject */
     FLASH_HIGH_HZ = 30,
+    HOLD_MARGIN_US = 100000, /* from lit to exposing and from exposed to received, host included */
 };
 
 static void warn(struct ls_preflight *out, const char *fmt, ...) LS_PRINTF(2, 3);
@@ -94,6 +95,23 @@ static enum ls_err check_bracket(const struct ls_preflight_input *in, struct ls_
     return LS_OK;
 }
 
+/* A held light must outlast the trigger's way, the exposure and the way of the frame. */
+static enum ls_err check_hold(const struct ls_preflight_input *in, struct ls_diag *diag)
+{
+    uint32_t longest = 0;
+    for (uint32_t i = 0; i < in->plan->n_exposures; i++)
+        longest = in->plan->pulse_us[i] > longest ? in->plan->pulse_us[i] : longest;
+    for (uint32_t k = 0; k < in->config->n_cameras; k++)
+        if (in->config->cameras[k].driver.trigger == LS_TRIGGER_SOFTWARE &&
+            (uint64_t)longest + HOLD_MARGIN_US >= in->lights->max_hold_us)
+            return ls_fail(diag, LS_ERR_LIMIT,
+                           "exposures_us: camera %u is triggered by software, and %u us with %d us "
+                           "for its trigger and frame do not fit the controller's longest hold of "
+                           "%u us: use shorter exposures",
+                           k, longest, HOLD_MARGIN_US, in->lights->max_hold_us);
+    return LS_OK;
+}
+
 static bool flashes(double hz)
 {
     return hz >= FLASH_LOW_HZ && hz <= FLASH_HIGH_HZ;
@@ -137,11 +155,11 @@ uint64_t ls_preflight_bytes(const struct ls_preflight_input *in)
             shot += (c->payload_bytes + 4095) & ~(size_t)4095;
         for (uint32_t i = 0; i < p->n_conditions; i++)
             if (!is_done(in, i))
-                bytes += ls_exr_mosaic_bytes_max(c->width, c->height,
-                                                 p->conditions[i].dark ? LS_EXR_FLOAT
-                                                                       : LS_EXR_HALF) +
-                         PUBLISHED_BYTES + tiles * PUBLISHED_BYTES_PER_TILE +
-                         shot * p->conditions[i].n_steps;
+                bytes +=
+                    ls_exr_mosaic_bytes_max(c->width, c->height,
+                                            p->conditions[i].dark ? LS_EXR_FLOAT : LS_EXR_HALF) +
+                    PUBLISHED_BYTES + tiles * PUBLISHED_BYTES_PER_TILE +
+                    shot * p->conditions[i].n_steps;
     }
     return bytes;
 }
@@ -223,6 +241,8 @@ enum ls_err ls_preflight_check(const struct ls_preflight_input *in, struct ls_pr
         err = check_program(in, diag);
     if (!err)
         err = check_bracket(in, diag);
+    if (!err)
+        err = check_hold(in, diag);
     if (!err)
         err = check_flashing(in, diag);
     if (err)

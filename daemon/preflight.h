@@ -23,7 +23,8 @@ struct ls_preflight_input {
 
 /**
  * Check a plan and say what it costs. Refusals, each naming the limit and by how much:
- *   LS_ERR_LIMIT    duty, current, period, pulse or memory of the controller (ls_lights_test)
+ *   LS_ERR_LIMIT    duty, current, period, pulse or memory of the controller (ls_lights_test);
+ *                   its longest hold, of a camera triggered by software
  *   LS_ERR_INVALID  rig and controller disagree, or the bracket leaves gaps
  *   LS_ERR_REFUSED  a live subject would see flashes of 3 to 30 Hz and allow_flashing is not set
  *   LS_ERR_FULL     the take would not fit the disk

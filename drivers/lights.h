@@ -13,9 +13,11 @@
  * (pulse x level / 65535) over the steps that start within (s(j) - 1 s, s(j)].
  *
  * Hold. A held step lights at its start and counts as fired, status.holding is set, and it stays
- * lit until the next grant (of the same number, too, so that the last step can be released) or
- * max_hold_us, and at least for its pulse. Its event comes with the release and carries the real
- * width. The controller follows it with as much dark as the duty limit asks of that width.
+ * lit until the next grant or max_hold_us, and at least for its pulse. To release the last step
+ * granted, grant the same number again: a driver sends that as a release, since a grant that it
+ * repeats after a lost reply must not put out the step just lit. Its event comes with the release
+ * and carries the real width. The controller follows it with as much dark as the duty limit asks of
+ * that width.
  *
  * A lost link. grant and poll reconnect once, check that it is the same controller, since the same
  * power-up and arm, and repeat the request, which does no harm: so they block for at most five

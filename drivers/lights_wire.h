@@ -92,7 +92,8 @@ enum {
 enum {
     LS_WIRE_CONTROL = 0x0200,
     LS_WIRE_CT_COMMAND = 0,     /* 1: enum ls_wire_command */
-    LS_WIRE_CT_GRANT = 2,       /* 2: steps [0, value) since arm may fire; releases a held step */
+    LS_WIRE_CT_GRANT = 2,       /* 2: steps [0, value) since arm may fire; a larger value than
+                                  before releases a held step, the same one does nothing */
     LS_WIRE_CT_ACK = 4,         /* 2: events with smaller sequence numbers have been read */
     LS_WIRE_CT_BYTES = 8,       /* 2: size of the program image */
     LS_WIRE_CT_CRC = 10,        /* 2: its CRC-32C as the host computed it */

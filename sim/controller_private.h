@@ -39,7 +39,7 @@ struct sim_controller {
 
     uint16_t arm;
     uint32_t fired, granted, missed;
-    uint32_t releases;  /* grants and releases since arm */
+    uint32_t releases;  /* larger grants and releases since arm */
     uint64_t credit_us; /* when the step the engine waits for was granted */
     uint64_t alive_ns;  /* last sign of life */
     bool lit, holding;

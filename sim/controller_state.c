@@ -164,9 +164,10 @@ static int grant(struct sim_controller *c, uint32_t n_steps)
         return refuse(c, LS_WIRE_REFUSED_VALUE, n_steps);
     if (n_steps > c->granted && c->granted == c->fired)
         c->credit_us = sim_controller_us(c);
-    if (n_steps > c->granted)
+    if (n_steps > c->granted) { /* the same again is a repeated request, and harmless */
         c->granted = n_steps;
-    c->releases++;
+        c->releases++;
+    }
     return 0;
 }
 

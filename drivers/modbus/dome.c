@@ -16,6 +16,7 @@ struct dome {
     uint32_t boot;       /* of the controller we armed */
     uint16_t arm;        /* its count of arms, then */
     bool armed;          /* boot and arm must hold from now on */
+    uint32_t granted;    /* since arm */
     bool ours;           /* armed from here and not blanked since */
     uint32_t next_event; /* sequence number */
 };
@@ -289,16 +290,21 @@ static enum ls_err dome_arm(void *priv, struct ls_diag *diag)
     dome->boot = ls_wire_get32(status + LS_WIRE_ST_BOOT);
     dome->arm = status[LS_WIRE_ST_ARM];
     dome->armed = true;
-    dome->next_event = 0;
+    dome->next_event = dome->granted = 0;
     return LS_OK;
 }
 
 static enum ls_err dome_grant(void *priv, uint32_t n_steps, struct ls_diag *diag)
 {
     struct dome *dome = priv;
-    uint16_t regs[2];
+    uint16_t regs[2], release = LS_WIRE_RELEASE;
     ls_wire_put32(regs, n_steps);
-    enum ls_err err = write_again(dome, LS_WIRE_CONTROL + LS_WIRE_CT_GRANT, 2, regs, diag);
+    enum ls_err err =
+        n_steps == dome->granted
+            ? write_again(dome, LS_WIRE_CONTROL + LS_WIRE_CT_COMMAND, 1, &release, diag)
+            : write_again(dome, LS_WIRE_CONTROL + LS_WIRE_CT_GRANT, 2, regs, diag);
+    if (!err && n_steps > dome->granted)
+        dome->granted = n_steps;
     return explain(dome, err, "granting steps", diag);
 }
 

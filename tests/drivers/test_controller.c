@@ -214,12 +214,49 @@ static void test_garbage(void)
     bench_close(&b);
 }
 
+/* A host whose reply was lost sends its grant again: the step just lit must not go out. */
+static void test_repeated_grant(void)
+{
+    struct sim_controller_config config = dome_small();
+    struct bench b = bench_open(&config);
+    const struct ls_led led = {0, 0, 65535};
+    struct ls_condition condition = {LS_CONDITION_ONE, 1, &led};
+    struct ls_step steps[2] = {{0, 100, 0, LS_STEP_HOLD}, {0, 100, 0, LS_STEP_HOLD}};
+    struct ls_program program = {&condition, 1, steps, 2, 2000};
+    uint16_t regs[LS_WIRE_STATUS_SIZE];
+    upload(&b, &program);
+    g_assert_cmpint(command(&b, LS_WIRE_COMMIT), ==, LS_OK);
+    do
+        status(&b, regs);
+    while (regs[LS_WIRE_ST_STATE] == LS_WIRE_PREPARING);
+    g_assert_cmpint(command(&b, LS_WIRE_ARM), ==, LS_OK);
+    for (uint32_t granted = 1; granted <= 2; granted++) {
+        g_assert_cmpint(put32(&b, LS_WIRE_CT_GRANT, granted), ==, LS_OK);
+        do
+            status(&b, regs);
+        while (ls_wire_get32(regs + LS_WIRE_ST_FIRED) != granted ||
+               !(regs[LS_WIRE_ST_FLAGS] & LS_WIRE_FLAG_HOLDING));
+        uint64_t lit_us = ls_wire_get64(regs + LS_WIRE_ST_NOW_US);
+        g_assert_cmpint(put32(&b, LS_WIRE_CT_GRANT, granted), ==, LS_OK);
+        do { /* 20 ms: long enough for the engine to have put it out, far from the limit of 1 s */
+            status(&b, regs);
+            g_assert_true(regs[LS_WIRE_ST_FLAGS] & LS_WIRE_FLAG_HOLDING);
+        } while (ls_wire_get64(regs + LS_WIRE_ST_NOW_US) < lit_us + 20000);
+    }
+    g_assert_cmpint(command(&b, LS_WIRE_RELEASE), ==, LS_OK);
+    do
+        status(&b, regs);
+    while (regs[LS_WIRE_ST_STATE] != LS_WIRE_DONE);
+    bench_close(&b);
+}
+
 int main(int argc, char **argv)
 {
     g_test_init(&argc, &argv, NULL);
     g_test_add_func("/controller/programs-over-a-limit-are-refused-and-latched", test_latched);
     g_test_add_func("/controller/commit-checks-crc-and-counts", test_checks);
     g_test_add_func("/controller/only-documented-registers-exist", test_registers);
+    g_test_add_func("/controller/a-repeated-grant-leaves-a-held-step-lit", test_repeated_grant);
     g_test_add_func("/controller/garbage-does-not-stop-it", test_garbage);
     return g_test_run();
 }
