@@ -5,6 +5,9 @@
 
 #include <errno.h>
 #include <stdio.h>
+#include <poll.h>
+#include <signal.h>
+#include <stdbool.h>
 #include <stdlib.h>
 #include <string.h>
 #include <sys/socket.h>
@@ -92,8 +95,21 @@ enum ls_err ls_connection_send(struct ls_connection *connection, uint16_t type,
     return err == LS_ERR_GONE ? LS_OK : err;
 }
 
+/* Wait for bytes with SIGINT let through: a program that blocks it everywhere else (take_follow.c)
+ * cannot miss one between looking at its count and waiting. */
+static bool interrupted_waiting(int fd)
+{
+    struct pollfd wait = {.fd = fd, .events = POLLIN};
+    sigset_t mask;
+    sigprocmask(SIG_SETMASK, NULL, &mask);
+    sigdelset(&mask, SIGINT);
+    return ppoll(&wait, 1, NULL, &mask) < 0 && errno == EINTR;
+}
+
 static enum ls_err read_more(struct ls_connection *connection, struct ls_diag *diag)
 {
+    if (interrupted_waiting(connection->fd))
+        return ls_fail(diag, LS_ERR_ABORTED, "interrupted");
     ssize_t n = recv(connection->fd, connection->in, READ_BYTES, 0);
     if (n < 0 && errno == EINTR)
         return ls_fail(diag, LS_ERR_ABORTED, "interrupted");

@@ -17,9 +17,13 @@ static void on_interrupt(int signal_number)
 
 void ls_take_follow_signals(void)
 {
-    struct sigaction action = {.sa_handler = on_interrupt}; /* no SA_RESTART: recv returns */
+    struct sigaction action = {.sa_handler = on_interrupt};
+    sigset_t block;
     sigemptyset(&action.sa_mask);
     sigaction(SIGINT, &action, NULL);
+    sigemptyset(&block);
+    sigaddset(&block, SIGINT);
+    sigprocmask(SIG_BLOCK, &block, NULL); /* it arrives while the connection waits, only there */
 }
 
 /* ---- progress bar ---- */
