@@ -79,6 +79,12 @@ def test_what_the_controller_does_not_bear_is_refused(folder):
     refused(rig, plan(extra="period_us = 1000;"), 4, "period_us", "13889")
 
 
+def test_a_hold_too_short_for_a_software_trigger_is_refused(folder):
+    rig = harness.twelve(folder, simulator_extra="controller = { max_hold_us = 110000; };",
+                         rig_camera_extra='trigger = "software";').start()
+    refused(rig, plan(), 6, "12500 us", "longest hold of 110000 us", "shorter exposures")
+
+
 def test_a_live_subject_is_not_flashed_at_3_to_30_hz_unless_it_is_asked_for(folder):
     rig = harness.twelve(folder).start()
     refused(rig, plan(subject="live"), 6, "live subject", "24.0 Hz", "allow_flashing")
