@@ -8,6 +8,7 @@ usage: tests/run [SUITE]       (tests/run installs what is missing, then starts 
   full      also the long variants of the random tests
   sanitize  unit tests under AddressSanitizer and UndefinedBehaviorSanitizer
 """
+import json
 import os
 import subprocess
 import sys
@@ -37,18 +38,25 @@ def build(name, options=(), cc="gcc"):
 
 def count(folder):
     """(passed, failed, skipped, names of the failed) of the last meson test run in folder."""
-    passed = failed = skipped = 0
+    logs = os.path.join(folder, "meson-logs")
+    passed = skipped = 0
     names = []
-    path = os.path.join(folder, "meson-logs", "testlog.junit.xml")
-    for case in xml.parse(path).getroot().iter("testcase"):
-        if case.find("failure") is not None or case.find("error") is not None:
-            failed += 1
-            names.append(f"{case.get('classname')} {case.get('name')}")
-        elif case.find("skipped") is not None:
-            skipped += 1
-        else:
-            passed += 1
-    return passed, failed, skipped, names
+    for suite in xml.parse(os.path.join(logs, "testlog.junit.xml")).getroot().iter("testsuite"):
+        for case in suite.iter("testcase"):
+            if case.find("failure") is not None or case.find("error") is not None:
+                names.append(f"{suite.get('name')} {case.get('name')}")
+            elif case.find("skipped") is not None:
+                skipped += 1
+            else:
+                passed += 1
+    # a program that died or ran too long names no test that failed: it counts itself
+    with open(os.path.join(logs, "testlog.json"), encoding="utf-8") as log:
+        for program in map(json.loads, log):
+            name = program["name"]
+            if program["result"] not in ("OK", "SKIP", "EXPECTEDFAIL") and not any(
+                    failed.startswith(f"lightstaged.{name} ") for failed in names):
+                names.append(f"lightstaged.{name} {program['result']}")
+    return passed, len(names), skipped, names
 
 
 def meson_test(folder, selection, env=None):
@@ -60,7 +68,7 @@ def meson_test(folder, selection, env=None):
     if not os.path.exists(log):
         return 0, 1, 0, [f"no test ran in {folder}"]
     result = count(folder)
-    if code and not result[1]:  # a program died before it could say which test failed
+    if code and not result[1]:
         result = (result[0], 1, result[2], [f"meson test exited with {code}"])
     return result
 

@@ -15,9 +15,9 @@
 #define OWN_ALLOCATOR 1
 #endif
 
+#ifndef OWN_ALLOCATOR
 static _Atomic unsigned long allocations;
 
-#ifndef OWN_ALLOCATOR
 void *__libc_malloc(size_t size);
 void *__libc_calloc(size_t n, size_t size);
 void *__libc_realloc(void *old, size_t size);
