@@ -1,10 +1,8 @@
 #include "core/half.h"
 
-#include <string.h>
+#include "core/half_kernels.h"
 
-#if defined(__x86_64__) && !defined(LS_PORTABLE)
-#include <immintrin.h>
-#endif
+#include <string.h>
 
 uint16_t ls_half_from_float(float value)
 {
@@ -48,67 +46,31 @@ float ls_half_to_float(uint16_t bits)
     return value;
 }
 
-static void from_floats_reference(const float *in, uint16_t *out, size_t n)
+static void from_floats(const float *in, uint16_t *out, size_t n)
 {
     for (size_t i = 0; i < n; i++)
         out[i] = ls_half_from_float(in[i]);
 }
 
-static void to_floats_reference(const uint16_t *in, float *out, size_t n)
+static void to_floats(const uint16_t *in, float *out, size_t n)
 {
     for (size_t i = 0; i < n; i++)
         out[i] = ls_half_to_float(in[i]);
 }
 
-#if defined(__x86_64__) && !defined(LS_PORTABLE)
-__attribute__((target("avx,f16c"))) static void from_floats_f16c(const float *in, uint16_t *out,
-                                                                 size_t n)
+const struct ls_half_kernels ls_half_kernels_c = {from_floats, to_floats};
+
+const struct ls_half_kernels *ls_half_kernels(enum ls_isa isa)
 {
-    size_t i = 0;
-
-    for (; i + 8 <= n; i += 8)
-        _mm_storeu_si128((__m128i *)(out + i),
-                         _mm256_cvtps_ph(_mm256_loadu_ps(in + i), _MM_FROUND_TO_NEAREST_INT));
-    from_floats_reference(in + i, out + i, n - i);
+    return LS_ISA_PICK(isa, &ls_half_kernels_c, &ls_half_kernels_avx2, &ls_half_kernels_avx512);
 }
-
-__attribute__((target("avx,f16c"))) static void to_floats_f16c(const uint16_t *in, float *out,
-                                                               size_t n)
-{
-    size_t i = 0;
-
-    for (; i + 8 <= n; i += 8)
-        _mm256_storeu_ps(out + i, _mm256_cvtph_ps(_mm_loadu_si128((const __m128i *)(in + i))));
-    to_floats_reference(in + i, out + i, n - i);
-}
-
-/* Clang 14 cannot ask for f16c; every processor with AVX2 has it. */
-static int has_f16c(void)
-{
-    return __builtin_cpu_supports("avx2");
-}
-#else
-#define from_floats_f16c from_floats_reference
-#define to_floats_f16c to_floats_reference
-
-static int has_f16c(void)
-{
-    return 0;
-}
-#endif
 
 void ls_half_from_floats(const float *in, uint16_t *out, size_t n)
 {
-    if (has_f16c())
-        from_floats_f16c(in, out, n);
-    else
-        from_floats_reference(in, out, n);
+    ls_half_kernels(ls_cpu_isa())->from_floats(in, out, n);
 }
 
 void ls_half_to_floats(const uint16_t *in, float *out, size_t n)
 {
-    if (has_f16c())
-        to_floats_f16c(in, out, n);
-    else
-        to_floats_reference(in, out, n);
+    ls_half_kernels(ls_cpu_isa())->to_floats(in, out, n);
 }

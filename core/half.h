@@ -22,8 +22,8 @@ uint16_t ls_half_from_float(float value);
 /** The value of a half given as its bits; exact. RT-safe. */
 float ls_half_to_float(uint16_t bits);
 
-/** @n values from @in to @out, which must not overlap; any alignment of elements. Uses F16C where
- * the processor has it; the result is the same bits either way. RT-safe. */
+/** @n values from @in to @out, which must not overlap; any alignment of elements. The
+ * result is the same bits on every processor. RT-safe. */
 void ls_half_from_floats(const float *in, uint16_t *out, size_t n);
 
 /** As ls_half_from_floats, widening. RT-safe. */

@@ -2,7 +2,10 @@
  * write one byte outside is a crash. */
 #include "core/demosaic.h"
 #include "core/half.h"
+#include "core/half_kernels.h"
 #include "core/merge.h"
+
+#include "tests/core/isas.h"
 
 #include <glib.h>
 #include <string.h>
@@ -106,16 +109,17 @@ static void test_pixels(void)
     guarded_free(&out);
 }
 
-static void test_halves(void)
+static void test_halves(const void *data)
 {
+    const struct ls_half_kernels *kernels = ls_half_kernels(isas_of(data));
     struct guarded floats = guarded_new(), halves = guarded_new(), flags = guarded_new();
 
     for (size_t n = 1; n < 300; n++)
         for (int side = 0; side < 2; side++) {
             float *f = place(&floats, side, 4 * n);
             uint16_t *h = place(&halves, side, 2 * n);
-            ls_half_from_floats(f, h, n);
-            ls_half_to_floats(h, f, n);
+            kernels->from_floats(f, h, n);
+            kernels->to_floats(h, f, n);
             ls_merge_store_half(f, n, 1, h, place(&flags, side, n));
         }
     guarded_free(&floats);
@@ -149,7 +153,7 @@ int main(int argc, char **argv)
     g_test_init(&argc, &argv, NULL);
     g_test_add_func("/guards/merge-touches-only-its-spans", test_merge);
     g_test_add_func("/guards/formats-touch-only-their-bytes", test_pixels);
-    g_test_add_func("/guards/halves-touch-only-their-spans", test_halves);
+    isas_add("/guards/halves-touch-only-their-spans", test_halves);
     g_test_add_func("/guards/demosaic-touches-only-its-window", test_demosaic);
     return g_test_run();
 }

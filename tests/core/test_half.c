@@ -1,5 +1,7 @@
 #include "core/half.h"
 
+#include "core/half_kernels.h"
+#include "tests/core/isas.h"
 #include "tests/core/noise.h"
 
 #include <glib.h>
@@ -80,23 +82,23 @@ static void test_limits(void)
     g_assert_cmphex(ls_half_from_float(from_bits(0xffc02000)), ==, 0xfe01);
 }
 
-static void check_span(const float *in, size_t n, size_t shift)
+static void check_span(const struct ls_half_kernels *k, const float *in, size_t n, size_t shift)
 {
     static uint16_t half[4200];
     static float back[4200];
 
-    ls_half_from_floats(in, half + shift, n);
+    k->from_floats(in, half + shift, n);
     for (size_t i = 0; i < n; i++)
         g_assert_cmphex(half[shift + i], ==, ls_half_from_float(in[i]));
-    ls_half_to_floats(half + shift, back + shift, n);
+    k->to_floats(half + shift, back + shift, n);
     for (size_t i = 0; i < n; i++)
         g_assert_cmphex(bits_of(back[shift + i]), ==, bits_of(ls_half_to_float(half[shift + i])));
 }
 
-/* Every exponent and sign with random mantissas, and all boundary values, whatever the processor
- * uses for spans. */
-static void test_spans(void)
+/* Every exponent and sign with random mantissas, and all boundary values. */
+static void test_spans(const void *data)
 {
+    const struct ls_half_kernels *k = ls_half_kernels(isas_of(data));
     enum { N = 4096, SEED = 7 };
     struct noise noise = {SEED};
     static float in[N];
@@ -109,20 +111,20 @@ static void test_spans(void)
             uint32_t mantissa = round % 3 ? r & 0x7fffff : r & 0x7ff000;
             in[i] = from_bits((r & 0x80000000) | exponent << 23 | mantissa);
         }
-        check_span(in, N, (size_t)round % 4);
+        check_span(k, in, N, (size_t)round % 4);
     }
-    for (size_t n = 0; n < 20; n++)
-        check_span(in + n, n, n);
+    for (size_t n = 0; n < 40; n++)
+        check_span(k, in + n, n, n);
 }
 
-static void test_all_halves_as_spans(void)
+static void test_all_halves_as_spans(const void *data)
 {
     static uint16_t in[0x10000];
     static float out[0x10000];
 
     for (uint32_t h = 0; h < 0x10000; h++)
         in[h] = (uint16_t)h;
-    ls_half_to_floats(in, out, 0x10000);
+    ls_half_kernels(isas_of(data))->to_floats(in, out, 0x10000);
     for (uint32_t h = 0; h < 0x10000; h++)
         g_assert_cmphex(bits_of(out[h]), ==, bits_of(ls_half_to_float((uint16_t)h)));
 }
@@ -134,7 +136,7 @@ int main(int argc, char **argv)
     g_test_add_func("/half/every-half-survives-the-round-trip", test_round_trip);
     g_test_add_func("/half/ties-go-to-even-between-all-neighbours", test_rounding);
     g_test_add_func("/half/limits-denormals-infinities-and-nans-follow-ieee-754", test_limits);
-    g_test_add_func("/half/spans-give-the-bits-of-single-values", test_spans);
-    g_test_add_func("/half/spans-widen-every-half-alike", test_all_halves_as_spans);
+    isas_add("/half/spans-give-the-bits-of-single-values", test_spans);
+    isas_add("/half/spans-widen-every-half-alike", test_all_halves_as_spans);
     return g_test_run();
 }
