@@ -65,8 +65,10 @@ static void add_condition(const struct ls_picture_facts *picture, struct ls_exr_
         add_light(config, c->light, attrs);
     if (c->channel >= 0 && (uint32_t)c->channel < config->n_channels)
         ls_exr_attrs_string(attrs, "lightstage/channel", config->channels[c->channel].name);
-    if (c->lights.n_leds > 0)
-        ls_exr_attrs_float(attrs, "lightstage/duty", (float)c->lights.leds[0].level / 65535);
+    if (c->level > 0)
+        ls_exr_attrs_float(attrs, "lightstage/duty", (float)c->level / 65535);
+    if (c->pattern[0])
+        ls_exr_attrs_string(attrs, "lightstage/pattern", c->pattern);
 }
 
 void ls_picture_attributes(const struct ls_picture_facts *picture, struct ls_exr_attrs *attrs)

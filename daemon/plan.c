@@ -68,6 +68,7 @@ static void add_one(struct ls_conf *c, struct builder *b, uint16_t light, uint16
     cond->lights = (struct ls_condition){LS_CONDITION_ONE, 1, led};
     cond->light = light;
     cond->channel = channel;
+    cond->level = level;
     snprintf(cond->id, sizeof cond->id, "%s-%04u", b->config->channels[channel].name, light);
 }
 
@@ -80,6 +81,9 @@ static void add_sphere(struct ls_conf *c, struct builder *b, uint16_t channel, u
     *led = (struct ls_led){.channel = channel, .level = level};
     cond->lights = (struct ls_condition){LS_CONDITION_SPHERE, 1, led};
     cond->channel = channel;
+    cond->level = level;
+    cond->parts = 1;
+    snprintf(cond->pattern, sizeof cond->pattern, "sphere");
     snprintf(cond->id, sizeof cond->id, "sphere-%s", b->config->channels[channel].name);
 }
 
@@ -95,6 +99,9 @@ static void add_segment(struct ls_conf *c, struct builder *b, const uint16_t *li
             (struct ls_led){.light = address(b, lights[i]), .channel = channel, .level = level};
     cond->lights = (struct ls_condition){LS_CONDITION_SEGMENT, n, leds};
     cond->channel = channel;
+    cond->level = level;
+    cond->parts = 1;
+    snprintf(cond->pattern, sizeof cond->pattern, "lights-%u", n);
     snprintf(cond->id, sizeof cond->id, "segment%u-%s", b->segments,
              b->config->channels[channel].name);
 }
@@ -353,6 +360,17 @@ enum ls_err ls_plan_parse(const char *text, const struct ls_config *config, stru
     }
     *out = b.plan;
     return LS_OK;
+}
+
+double ls_plan_factor(const struct ls_plan_condition *condition, const struct ls_config *config,
+                      const struct ls_calibration *calibration)
+{
+    if (!condition->pattern[0])
+        return 1;
+    int channel = ls_calibration_channel(calibration, config->channels[condition->channel].name);
+    return channel < 0 ? 0
+                       : ls_calibration_factor(calibration, (uint32_t)channel, condition->pattern,
+                                               condition->level / 65535.0);
 }
 
 void ls_plan_destroy(struct ls_plan *plan)

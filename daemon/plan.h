@@ -12,6 +12,7 @@
 #ifndef LS_DAEMON_PLAN_H
 #define LS_DAEMON_PLAN_H
 
+#include "core/calibration.h"
 #include "core/error.h"
 #include "daemon/config.h"
 #include "drivers/lights.h"
@@ -23,16 +24,25 @@ enum { LS_MAX_EXPOSURES = 8, LS_WATCH_EVERY = 50 };
 
 enum ls_subject { LS_SUBJECT_STILL, LS_SUBJECT_LIVE };
 
-/** A condition of the plan: what the LEDs do, and what it is called on disk. */
+/**
+ * A condition of the plan: what the LEDs do, and what it is called on disk.
+ *
+ * Pictures of several lights belong to a *pattern*, the name their calibrated factor is kept under
+ * (core/calibration.h), and are part `part` of its `parts`.
+ */
 struct ls_plan_condition {
     char id[32];                /* "dark-0", "W-0137", "sphere-R", "watch-0"; the file's stem */
     struct ls_condition lights; /* leds point into the plan */
+    char pattern[16];           /* "sphere", "lights-12" (12 lights that the plan names); "" of
+                                   darks and single lights, which need no factor */
+    uint16_t part, parts;       /* 0 and 1 of a pattern that is one picture */
+    uint16_t level;             /* of the brightest LED; level / 65535 is the nominal duty */
     bool dark;                  /* a dark of exposure `exposure`, mean of `repeats` frames */
     bool watch;                 /* a dark that only watches for drift: nothing is merged with it */
     uint8_t exposure;           /* dark only */
     uint16_t repeats;           /* frames per exposure: 1, or K for darks */
     int32_t light;              /* of ONE, else -1 */
-    int32_t channel;            /* of ONE, SPHERE and SEGMENT, else -1 */
+    int32_t channel;            /* of all LEDs; -1 of darks */
     uint32_t first_step, n_steps;
 };
 
@@ -62,6 +72,11 @@ struct ls_plan {
  */
 LS_MUST_CHECK enum ls_err ls_plan_parse(const char *text, const struct ls_config *config,
                                         struct ls_plan **out, struct ls_diag *diag);
+
+/** The calibrated factor of a condition's pattern at its nominal duty; 1 for darks and single lights,
+ * which need none; 0 where none was calibrated. */
+double ls_plan_factor(const struct ls_plan_condition *condition, const struct ls_config *config,
+                      const struct ls_calibration *calibration);
 
 /** NULL is allowed. */
 void ls_plan_destroy(struct ls_plan *plan);

@@ -202,15 +202,9 @@ static void warn_of_calibration(const struct ls_preflight_input *in, struct ls_p
     }
     for (uint32_t i = 0; i < in->plan->n_conditions; i++) {
         const struct ls_plan_condition *c = &in->plan->conditions[i];
-        if (c->lights.kind != LS_CONDITION_SPHERE)
-            continue;
-        const char *name = in->config->channels[c->channel].name;
-        double duty = c->lights.leds[0].level / 65535.0;
-        int channel = ls_calibration_channel(in->calibration, name);
-        if (channel < 0 ||
-            !(ls_calibration_factor(in->calibration, (uint32_t)channel, "sphere", duty) > 0))
+        if (!(ls_plan_factor(c, in->config, in->calibration) > 0))
             warn(out, "%s at duty %.5f is not calibrated: the take will be marked uncalibrated",
-                 c->id, duty);
+                 c->id, c->level / 65535.0);
     }
 }
 

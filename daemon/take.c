@@ -63,6 +63,7 @@ static struct ls_take_document document(const struct ls_take *take, const char *
         .cameras = take->rig.camera_infos,
         .reference_exposure_s = reference_exposure_s(take),
         .calibration_json = take->context->calibration_json,
+        .calibration = take->context->calibration,
     };
 }
 

@@ -23,6 +23,25 @@ static json_int_t row_of(const struct ls_config *config, uint16_t address)
     return -1;
 }
 
+static void add_pattern(const struct ls_plan_condition *c, const struct ls_config *config,
+                        json_t *o)
+{
+    json_object_set_new(o, "pattern", json_string(c->pattern));
+    json_object_set_new(o, "part", json_integer(c->part));
+    json_object_set_new(o, "parts", json_integer(c->parts));
+    if (c->lights.kind == LS_CONDITION_SPHERE)
+        return;
+    json_t *lights = json_array(), *levels = json_array();
+    for (uint32_t i = 0; i < c->lights.n_leds; i++) {
+        json_array_append_new(lights, json_integer(row_of(config, c->lights.leds[i].light)));
+        json_array_append_new(levels, json_integer(c->lights.leds[i].level));
+    }
+    json_object_set_new(o, "lights", lights);
+    if (c->lights.kind == LS_CONDITION_LIST)
+        json_object_set(o, "levels", levels);
+    json_decref(levels);
+}
+
 static json_t *condition_json(const struct ls_plan_condition *c, const struct ls_config *config)
 {
     static const char *const kinds[] = {"dark", "one", "sphere", "segment", "list"};
@@ -37,15 +56,23 @@ static json_t *condition_json(const struct ls_plan_condition *c, const struct ls
         json_object_set_new(o, "light", json_integer(c->light));
     if (c->channel >= 0) {
         json_object_set_new(o, "channel", json_string(config->channels[c->channel].name));
-        json_object_set_new(o, "level", json_integer(c->lights.leds[0].level));
+        json_object_set_new(o, "level", json_integer(c->level));
     }
-    if (c->lights.kind == LS_CONDITION_SEGMENT) {
-        json_t *lights = json_array();
-        for (uint32_t i = 0; i < c->lights.n_leds; i++)
-            json_array_append_new(lights, json_integer(row_of(config, c->lights.leds[i].light)));
-        json_object_set_new(o, "lights", lights);
-    }
+    if (c->pattern[0])
+        add_pattern(c, config, o);
     return o;
+}
+
+static json_t *uncalibrated_json(const struct ls_take_document *d)
+{
+    json_t *ids = json_array();
+    for (uint32_t i = 0; i < d->plan->n_conditions; i++) {
+        const struct ls_plan_condition *c = &d->plan->conditions[i];
+        if (c->pattern[0] &&
+            !(d->calibration && ls_plan_factor(c, d->config, d->calibration) > 0))
+            json_array_append_new(ids, json_string(c->id));
+    }
+    return ids;
 }
 
 static json_t *plan_json(const struct ls_take_document *d)
@@ -55,9 +82,10 @@ static json_t *plan_json(const struct ls_take_document *d)
         json_array_append_new(pulses, json_integer(d->plan->pulse_us[i]));
     for (uint32_t i = 0; i < d->plan->n_conditions; i++)
         json_array_append_new(conditions, condition_json(&d->plan->conditions[i], d->config));
-    return json_pack("{ss ss si so so}", "text", d->plan_text, "subject",
+    return json_pack("{ss ss si so so so}", "text", d->plan_text, "subject",
                      d->plan->subject == LS_SUBJECT_LIVE ? "live" : "still", "period_us",
-                     (int)d->plan->period_us, "pulse_us", pulses, "conditions", conditions);
+                     (int)d->plan->period_us, "pulse_us", pulses, "conditions", conditions,
+                     "uncalibrated", uncalibrated_json(d));
 }
 
 static json_t *camera_json(const struct ls_config_camera *c, const struct ls_camera_info *info)

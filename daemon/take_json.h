@@ -5,10 +5,14 @@
  * Keys (the store adds its own: daemon/store.h):
  *   "software" "lightstaged 0.1.0", "conventions" 1,
  *   "plan" { "text" (as given), "subject", "period_us", "pulse_us" [], "conditions" [ { "id",
- *     "kind" dark|one|sphere|segment, "light" (rig row, one), "lights" [] (segment: rig rows),
- *     "channel" "W", "level", "exposure" (dark), "watch" true (a dark between lights, not subtracted
- *     from anything), "repeats", "first_step", "steps" } ]
- * }, "rig" { "name", "lights" { "position_m" [[x,y,z]], "address" [] }, "channels" [ { "name",
+ *     "kind" dark|one|sphere|segment|list, "light" (rig row, one), "lights" [] (segment, list: rig
+ *     rows), "levels" [] (list: of each of "lights"), "channel" "W", "level" (nominal: of the
+ *     brightest light), "pattern", "part", "parts" (several lights: daemon/plan.h), "exposure"
+ *     (dark), "watch" true (a dark between lights, not subtracted from anything), "repeats",
+ *     "first_step", "steps" } ],
+ *   "uncalibrated" [] (ids of the conditions whose pattern and level the calibration has no factor
+ *     for; all of several lights where there is no calibration) },
+ * "rig" { "name", "lights" { "position_m" [[x,y,z]], "address" [] }, "channels" [ { "name",
  * "kind" } ], "cameras" [ { "name", "vendor", "model", "serial", "width", "height", "pixel_format",
  *       "position_m", "look_at_m", "focal_length_mm", "sensor_mm", "range", "black_dn",
  *       "full_scale_dn", "electrons_per_dn", "read_noise_dn", "exposure_offset_us",
@@ -34,7 +38,8 @@ struct ls_take_document {
     const struct ls_lights_info *lights;
     const struct ls_camera_info *const *cameras; /* config->n_cameras of them */
     double reference_exposure_s;
-    const char *calibration_json; /* NULL = none */
+    const char *calibration_json;             /* NULL = none */
+    const struct ls_calibration *calibration; /* the same, parsed */
 };
 
 /** *text: (transfer full), free(). Errors: LS_ERR_INVALID (calibration is no JSON), LS_ERR_NOMEM.
