@@ -50,6 +50,13 @@ void ls_calibration_destroy(struct ls_calibration *c)
     free(c->L);
     free(c->camera.sensitivity.v);
     free(c->camera.hot);
+    free(c->flags);
+    free(c->measured_direction);
+    free(c->sigma_direction_deg);
+    free(c->k_colour);
+    free(c->a_v);
+    free(c->a_h);
+    free(c->residuals);
     free(c);
 }
 

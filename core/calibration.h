@@ -29,6 +29,20 @@
  *                       range: [low, high], hot_pixels: [[x,y]...] }
  *   M (optional)      [[3]...3] camera raw to linear Rec. 709; a D65 white whose green raw is 1
  *                       becomes (1,1,1)
+ * What `lightstagectl calibrate` has measured besides; every key is optional:
+ *   lights            also { flags: { "one-sided"|"dead"|"uncertain": [light...] },
+ *                       measured_direction: [[x,y,z]...], sigma_direction_deg: [...] }
+ *   k_colour          { channel name: [[r,g,b] per light] } factors on k for one camera channel;
+ *                       a channel that is missing has none
+ *   pattern_factors   also { sigma } in each
+ *   polarisation      { a_v: [[one per light] per camera], a_h: the same }
+ *   mirror_reflectivity  [r,g,b] or [mono]
+ *   residuals         [{ name, value, unit }]
+ *   provenance        { date, software, takes: [{ subject, take }] }
+ *
+ * Names of patterns: "sphere" (every light), "segments-14" (any one of a partition into 14),
+ * "headlight", "multiplex" ...: one name for all pictures that light about as many LEDs at a time,
+ * since the supply's sag is what the factor holds.
  */
 #ifndef LS_CORE_CALIBRATION_H
 #define LS_CORE_CALIBRATION_H
@@ -46,6 +60,18 @@ enum {
     LS_CALIBRATION_MAX_PATCHES = 256,
     LS_CALIBRATION_MAX_SAMPLES = 1024, /* wavelengths of a spectrum */
     LS_CALIBRATION_MAX_HOT = 1 << 20,
+    LS_CALIBRATION_MAX_CAMERAS = 16,
+    LS_CALIBRATION_MAX_RESIDUALS = 1024,
+    LS_CALIBRATION_MAX_TAKES = 64,
+};
+
+/** What is known against a light; a set of bits. */
+enum ls_light_flag {
+    LS_LIGHT_ONE_SIDED = 1, /* beyond 120 degrees of every camera: its gain comes from a crescent */
+    LS_LIGHT_DEAD = 2,      /* gives no light in some channel: k = 1 there, and sigma_k = 1 */
+    LS_LIGHT_UNCERTAIN =
+        4, /* no camera saw enough of it: k = 1, sigma_k the spread of the others */
+    LS_LIGHT_FLAGS = 7,
 };
 
 /** Rows of equally sampled spectra: value of row r at start_nm + i step_nm is v[r * n + i]. */
@@ -68,6 +94,27 @@ struct ls_calibration_pattern {
     char pattern[16]; /* "sphere" */
     double duty;      /* nominal, (0, 1] */
     double factor;
+    double sigma; /* standard error of the factor; 0 = unknown */
+};
+
+/** One number about the quality of the calibration, e.g. {"sphere outline", 0.04, "px"}. */
+struct ls_calibration_residual {
+    char name[64];
+    double value;
+    char unit[16]; /* may be empty: a ratio */
+};
+
+struct ls_calibration_take {
+    char subject[32]; /* "grey sphere" */
+    char take[64];    /* its id */
+};
+
+/** Where the numbers come from. */
+struct ls_calibration_provenance {
+    char date[32];     /* ISO 8601, UTC; empty = no provenance */
+    char software[64]; /* "lightstaged 0.1.0" */
+    uint32_t n_takes;
+    struct ls_calibration_take takes[LS_CALIBRATION_MAX_TAKES];
 };
 
 struct ls_calibration_camera {
@@ -85,7 +132,7 @@ struct ls_calibration {
     uint32_t n_lights, n_channels;
     uint32_t n_colours; /* camera channels: 3, or 1 for mono */
     float (*position_m)[3];
-    float (*direction)[3]; /* unit, centre towards light */
+    float (*direction)[3]; /* unit, centre towards light, as the rig was built */
     float *omega_sr;
     struct ls_calibration_channel channels[LS_CALIBRATION_MAX_CHANNELS];
     float *k,
@@ -101,6 +148,19 @@ struct ls_calibration {
     struct ls_calibration_camera camera;
     bool has_m;
     double m[3][3]; /* row-major: rec709 = m raw */
+    /* measured besides; NULL, 0 or empty where it was not */
+    uint8_t *flags;                 /* [light], sets of enum ls_light_flag */
+    float (*measured_direction)[3]; /* [light], unit, by shading */
+    float *sigma_direction_deg;     /* [light], of either of two directions across */
+    float *k_colour;                /* [(channel * n_lights + light) * n_colours + colour] */
+    uint32_t n_polarised;           /* cameras with polarisation factors */
+    float *a_v, *a_h;               /* [camera * n_lights + light]: share of the specular that each
+                                       channel keeps behind the camera's polariser */
+    bool has_mirror;
+    double mirror_reflectivity[3]; /* [colour] of the chrome ball */
+    uint32_t n_residuals;
+    struct ls_calibration_residual *residuals;
+    struct ls_calibration_provenance provenance;
 };
 
 /**
@@ -132,5 +192,36 @@ int ls_calibration_channel(const struct ls_calibration *calibration, const char 
  * RT-safe. */
 double ls_calibration_factor(const struct ls_calibration *calibration, uint32_t channel,
                              const char *pattern, double duty);
+
+/**
+ * The same, for whoever cannot go on without it. LS_ERR_NOT_FOUND: the take is *uncalibrated*;
+ * the sentence names channel, pattern and duty, and the duties that were calibrated.
+ */
+LS_MUST_CHECK enum ls_err ls_calibration_find_factor(const struct ls_calibration *calibration,
+                                                     uint32_t channel, const char *pattern,
+                                                     double duty, double *factor,
+                                                     struct ls_diag *diag);
+
+/** Add or replace the factor of (channel, pattern, duty). LS_ERR_INVALID (not finite, out of
+ * range), LS_ERR_LIMIT, LS_ERR_NOMEM. */
+LS_MUST_CHECK enum ls_err ls_calibration_put_factor(struct ls_calibration *calibration,
+                                                    const struct ls_calibration_pattern *pattern,
+                                                    struct ls_diag *diag);
+
+/** Add or replace a residual. Names and units are cut to their sizes. LS_ERR_INVALID (not finite,
+ * no name), LS_ERR_LIMIT, LS_ERR_NOMEM. */
+LS_MUST_CHECK enum ls_err ls_calibration_put_residual(struct ls_calibration *calibration,
+                                                      const char *name, double value,
+                                                      const char *unit, struct ls_diag *diag);
+
+/** Room for what is optional per light: flags, measured_direction and sigma_direction_deg where
+ * they are NULL, zeroed (directions: the nominal ones). LS_ERR_NOMEM. */
+LS_MUST_CHECK enum ls_err ls_calibration_add_measured(struct ls_calibration *calibration,
+                                                      struct ls_diag *diag);
+
+/** Room for a_v and a_h of @n_cameras, zeroed; what was there is gone. LS_ERR_LIMIT,
+ * LS_ERR_NOMEM. */
+LS_MUST_CHECK enum ls_err ls_calibration_add_polarisation(struct ls_calibration *calibration,
+                                                          uint32_t n_cameras, struct ls_diag *diag);
 
 #endif

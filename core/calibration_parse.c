@@ -1,104 +1,11 @@
 #include "core/calibration.h"
+#include "core/calibration_json.h"
 
 #include <jansson.h>
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
-
-static const char *kind_of(const json_t *value)
-{
-    static const char *const names[] = {"an object", "an array", "a string", "an integer",
-                                        "a number",  "true",     "false",    "null"};
-    return value ? names[json_typeof(value)] : "nothing";
-}
-
-static enum ls_err wrong(struct ls_diag *diag, const char *path, const char *expected,
-                         const json_t *found)
-{
-    return ls_fail(diag, LS_ERR_INVALID, "calibration: %s: expected %s, found %s", path, expected,
-                   kind_of(found));
-}
-
-/* @path of a child: "parent.key" or "parent[index]", truncated if absurdly long. */
-static const char *child(char buffer[160], const char *path, const char *key)
-{
-    snprintf(buffer, 160, "%.100s%s%.40s", path, *path ? "." : "", key);
-    return buffer;
-}
-
-static const char *element(char buffer[160], const char *path, size_t index)
-{
-    snprintf(buffer, 160, "%.120s[%zu]", path, index);
-    return buffer;
-}
-
-static enum ls_err number(const json_t *value, const char *path, double low, double high,
-                          double *out, struct ls_diag *diag)
-{
-    if (!json_is_number(value))
-        return wrong(diag, path, "a number", value);
-    *out = json_number_value(value);
-    if (!(*out >= low && *out <= high))
-        return ls_fail(diag, LS_ERR_INVALID, "calibration: %s: expected %g to %g, found %g", path,
-                       low, high, *out);
-    return LS_OK;
-}
-
-static enum ls_err member(const json_t *object, const char *path, const char *key, double low,
-                          double high, double *out, struct ls_diag *diag)
-{
-    char at[160];
-    return number(json_object_get(object, key), child(at, path, key), low, high, out, diag);
-}
-
-/* A string of 1 to size - 1 bytes. */
-static enum ls_err string(const json_t *value, const char *path, size_t size, char *out,
-                          struct ls_diag *diag)
-{
-    if (!json_is_string(value))
-        return wrong(diag, path, "a string", value);
-    size_t n = json_string_length(value);
-    if (n < 1 || n >= size || strlen(json_string_value(value)) != n)
-        return ls_fail(diag, LS_ERR_INVALID, "calibration: %s: expected 1 to %zu characters", path,
-                       size - 1);
-    memcpy(out, json_string_value(value), n + 1);
-    return LS_OK;
-}
-
-/* An array of exactly n elements. */
-static enum ls_err array(const json_t *value, const char *path, size_t n, struct ls_diag *diag)
-{
-    if (!json_is_array(value))
-        return wrong(diag, path, "an array", value);
-    if (json_array_size(value) != n)
-        return ls_fail(diag, LS_ERR_INVALID, "calibration: %s: expected %zu elements, found %zu",
-                       path, n, json_array_size(value));
-    return LS_OK;
-}
-
-static enum ls_err bounded(const json_t *value, const char *path, size_t most, struct ls_diag *diag)
-{
-    if (!json_is_array(value))
-        return wrong(diag, path, "an array", value);
-    if (json_array_size(value) > most)
-        return ls_fail(diag, LS_ERR_LIMIT, "calibration: %s: at most %zu elements, found %zu", path,
-                       most, json_array_size(value));
-    return LS_OK;
-}
-
-static enum ls_err floats(const json_t *value, const char *path, size_t n, double low, double high,
-                          float *out, struct ls_diag *diag)
-{
-    char at[160];
-    enum ls_err err = array(value, path, n, diag);
-    for (size_t i = 0; i < n && !err; i++) {
-        double x = 0;
-        err = number(json_array_get(value, i), element(at, path, i), low, high, &x, diag);
-        out[i] = (float)x;
-    }
-    return err;
-}
 
 /* ---- spectral tables ---- */
 
@@ -109,16 +16,16 @@ static enum ls_err table(const json_t *value, const char *path, uint32_t rows,
     char at[160], row_at[160];
     enum ls_err err;
     if (!json_is_object(value))
-        return wrong(diag, path, "an object", value);
-    if ((err = member(value, path, "start_nm", 1, 1e5, &out->start_nm, diag)) ||
-        (err = member(value, path, "step_nm", 1e-3, 1e4, &out->step_nm, diag)))
+        return ls_json_wrong(diag, path, "an object", value);
+    if ((err = ls_json_member(value, path, "start_nm", 1, 1e5, &out->start_nm, diag)) ||
+        (err = ls_json_member(value, path, "step_nm", 1e-3, 1e4, &out->step_nm, diag)))
         return err;
     const json_t *values = json_object_get(value, "values");
-    child(at, path, "values");
-    if (rows && (err = array(values, at, rows, diag)))
+    ls_json_child(at, path, "values");
+    if (rows && (err = ls_json_array(values, at, rows, diag)))
         return err;
     const json_t *first = rows ? json_array_get(values, 0) : values;
-    if ((err = bounded(first, at, LS_CALIBRATION_MAX_SAMPLES, diag)))
+    if ((err = ls_json_bounded(first, at, LS_CALIBRATION_MAX_SAMPLES, diag)))
         return err;
     if (json_array_size(first) < 2)
         return ls_fail(diag, LS_ERR_INVALID, "calibration: %s: expected at least 2 samples", at);
@@ -128,42 +35,25 @@ static enum ls_err table(const json_t *value, const char *path, uint32_t rows,
     if (!out->v)
         return ls_fail(diag, LS_ERR_NOMEM, "out of memory for spectra");
     for (uint32_t r = 0; r < out->rows && !err; r++)
-        err = floats(rows ? json_array_get(values, r) : values, rows ? element(row_at, at, r) : at,
-                     out->n, -1e9, 1e9, out->v + (size_t)r * out->n, diag);
+        err = ls_json_floats(rows ? json_array_get(values, r) : values,
+                             rows ? ls_json_element(row_at, at, r) : at, out->n, -1e9, 1e9,
+                             out->v + (size_t)r * out->n, diag);
     return err;
 }
 
 /* ---- lights, channels, per-light numbers ---- */
 
-static enum ls_err vectors(const json_t *value, const char *path, uint32_t n, float (*out)[3],
-                           struct ls_diag *diag)
-{
-    char at[160];
-    enum ls_err err = array(value, path, n, diag);
-    for (uint32_t i = 0; i < n && !err; i++)
-        err = floats(json_array_get(value, i), element(at, path, i), 3, -1e3, 1e3, out[i], diag);
-    return err;
-}
-
 static enum ls_err lights(const json_t *root, struct ls_calibration *c, struct ls_diag *diag)
 {
     const json_t *value = json_object_get(root, "lights");
-    enum ls_err err = vectors(json_object_get(value, "position_m"), "lights.position_m",
-                              c->n_lights, c->position_m, diag);
+    enum ls_err err = ls_json_vectors(json_object_get(value, "position_m"), "lights.position_m",
+                                      c->n_lights, c->position_m, diag);
     if (!err)
-        err = vectors(json_object_get(value, "direction"), "lights.direction", c->n_lights,
-                      c->direction, diag);
-    for (uint32_t i = 0; i < c->n_lights && !err; i++) {
-        double length = 0;
-        for (int k = 0; k < 3; k++)
-            length += (double)c->direction[i][k] * c->direction[i][k];
-        if (fabs(length - 1) > 1e-3)
-            err = ls_fail(diag, LS_ERR_INVALID,
-                          "calibration: lights.direction[%u]: expected a unit vector", i);
-    }
+        err = ls_json_directions(json_object_get(value, "direction"), "lights.direction",
+                                 c->n_lights, c->direction, diag);
     if (!err)
-        err = floats(json_object_get(value, "omega_sr"), "lights.omega_sr", c->n_lights, 0, 12.6,
-                     c->omega_sr, diag);
+        err = ls_json_floats(json_object_get(value, "omega_sr"), "lights.omega_sr", c->n_lights, 0,
+                             12.6, c->omega_sr, diag);
     return err;
 }
 
@@ -171,14 +61,14 @@ static enum ls_err channel(const json_t *value, uint32_t s, struct ls_calibratio
                            struct ls_diag *diag)
 {
     char path[160], at[160], kind[16];
-    element(path, "channels", s);
+    ls_json_element(path, "channels", s);
     struct ls_calibration_channel *out = &c->channels[s];
     enum ls_err err;
     char name[sizeof out->name];
-    if ((err = string(json_object_get(value, "name"), child(at, path, "name"), sizeof name, name,
-                      diag)) ||
-        (err = string(json_object_get(value, "kind"), child(at, path, "kind"), sizeof kind, kind,
-                      diag)))
+    if ((err = ls_json_string(json_object_get(value, "name"), ls_json_child(at, path, "name"),
+                              sizeof name, name, diag)) ||
+        (err = ls_json_string(json_object_get(value, "kind"), ls_json_child(at, path, "kind"),
+                              sizeof kind, kind, diag)))
         return err;
     if (ls_calibration_channel(c, name) >= 0)
         return ls_fail(diag, LS_ERR_INVALID, "calibration: %s.name: \"%s\" stands twice", path,
@@ -190,7 +80,8 @@ static enum ls_err channel(const json_t *value, uint32_t s, struct ls_calibratio
                        "calibration: %s.kind: expected spectrum or polariser, found \"%s\"", path,
                        kind);
     const json_t *spectrum = json_object_get(value, "spectrum");
-    return spectrum ? table(spectrum, child(at, path, "spectrum"), 0, &out->spectrum, diag) : LS_OK;
+    return spectrum ? table(spectrum, ls_json_child(at, path, "spectrum"), 0, &out->spectrum, diag)
+                    : LS_OK;
 }
 
 static enum ls_err channels(const json_t *root, struct ls_calibration *c, struct ls_diag *diag)
@@ -208,11 +99,12 @@ static enum ls_err by_channel(const json_t *root, const char *key, struct ls_cal
 {
     char at[160];
     const json_t *object = json_object_get(root, key);
-    enum ls_err err = json_is_object(object) ? LS_OK : wrong(diag, key, "an object", object);
+    enum ls_err err =
+        json_is_object(object) ? LS_OK : ls_json_wrong(diag, key, "an object", object);
     for (uint32_t s = 0; s < c->n_channels && !err; s++) {
         const char *name = c->channels[s].name;
-        err = floats(json_object_get(object, name), child(at, key, name), n, low, high,
-                     out + s * stride, diag);
+        err = ls_json_floats(json_object_get(object, name), ls_json_child(at, key, name), n, low,
+                             high, out + s * stride, diag);
     }
     return err;
 }
@@ -223,27 +115,29 @@ static enum ls_err pattern(const json_t *value, uint32_t i, const struct ls_cali
                            struct ls_calibration_pattern *out, struct ls_diag *diag)
 {
     char path[160], at[160], name[16];
-    element(path, "pattern_factors", i);
+    ls_json_element(path, "pattern_factors", i);
     enum ls_err err;
-    if ((err = string(json_object_get(value, "channel"), child(at, path, "channel"), sizeof name,
-                      name, diag)) ||
-        (err = string(json_object_get(value, "pattern"), child(at, path, "pattern"),
-                      sizeof out->pattern, out->pattern, diag)) ||
-        (err = member(value, path, "duty", 1e-6, 1, &out->duty, diag)) ||
-        (err = member(value, path, "factor", 1e-3, 1e3, &out->factor, diag)))
+    if ((err = ls_json_string(json_object_get(value, "channel"), ls_json_child(at, path, "channel"),
+                              sizeof name, name, diag)) ||
+        (err = ls_json_string(json_object_get(value, "pattern"), ls_json_child(at, path, "pattern"),
+                              sizeof out->pattern, out->pattern, diag)) ||
+        (err = ls_json_member(value, path, "duty", 1e-6, 1, &out->duty, diag)) ||
+        (err = ls_json_member(value, path, "factor", 1e-3, 1e3, &out->factor, diag)))
         return err;
     int s = ls_calibration_channel(c, name);
     if (s < 0)
         return ls_fail(diag, LS_ERR_INVALID,
                        "calibration: %s.channel: \"%s\" is none of the channels", path, name);
     out->channel = (uint32_t)s;
-    return LS_OK;
+    return json_object_get(value, "sigma")
+               ? ls_json_member(value, path, "sigma", 0, 1e3, &out->sigma, diag)
+               : LS_OK;
 }
 
 static enum ls_err patterns(const json_t *root, struct ls_calibration *c, struct ls_diag *diag)
 {
     const json_t *list = json_object_get(root, "pattern_factors");
-    enum ls_err err = bounded(list, "pattern_factors", LS_CALIBRATION_MAX_PATTERNS, diag);
+    enum ls_err err = ls_json_bounded(list, "pattern_factors", LS_CALIBRATION_MAX_PATTERNS, diag);
     if (err)
         return err;
     uint32_t n = (uint32_t)json_array_size(list);
@@ -265,7 +159,7 @@ static enum ls_err chart(const json_t *root, struct ls_calibration *c, struct ls
     if (!value)
         return LS_OK;
     const json_t *names = json_object_get(value, "names");
-    enum ls_err err = bounded(names, "chart.names", LS_CALIBRATION_MAX_PATCHES, diag);
+    enum ls_err err = ls_json_bounded(names, "chart.names", LS_CALIBRATION_MAX_PATCHES, diag);
     if (err)
         return err;
     if (!json_array_size(names))
@@ -275,8 +169,8 @@ static enum ls_err chart(const json_t *root, struct ls_calibration *c, struct ls
     if (!c->patch_names)
         return ls_fail(diag, LS_ERR_NOMEM, "out of memory for chart names");
     for (uint32_t i = 0; i < c->n_patches && !err; i++)
-        err = string(json_array_get(names, i), element(at, "chart.names", i),
-                     sizeof *c->patch_names, c->patch_names[i], diag);
+        err = ls_json_string(json_array_get(names, i), ls_json_element(at, "chart.names", i),
+                             sizeof *c->patch_names, c->patch_names[i], diag);
     if (!err)
         err = table(json_object_get(value, "reflectance"), "chart.reflectance", c->n_patches,
                     &c->reflectance, diag);
@@ -291,7 +185,7 @@ static enum ls_err chart_light(const json_t *root, struct ls_calibration *c, str
         return LS_OK;
     if (!c->n_patches)
         return ls_fail(diag, LS_ERR_INVALID, "calibration: L: there is no chart");
-    enum ls_err err = array(value, "L", c->n_patches, diag);
+    enum ls_err err = ls_json_array(value, "L", c->n_patches, diag);
     if (err)
         return err;
     c->L = calloc((size_t)c->n_patches * c->n_colours * c->n_channels, sizeof *c->L);
@@ -299,10 +193,11 @@ static enum ls_err chart_light(const json_t *root, struct ls_calibration *c, str
         return ls_fail(diag, LS_ERR_NOMEM, "out of memory for L");
     for (uint32_t p = 0; p < c->n_patches && !err; p++) {
         const json_t *rows = json_array_get(value, p);
-        err = array(rows, element(patch_at, "L", p), c->n_colours, diag);
+        err = ls_json_array(rows, ls_json_element(patch_at, "L", p), c->n_colours, diag);
         for (uint32_t k = 0; k < c->n_colours && !err; k++)
-            err = floats(json_array_get(rows, k), element(at, patch_at, k), c->n_channels, -1e6,
-                         1e6, c->L + (p * c->n_colours + k) * c->n_channels, diag);
+            err = ls_json_floats(json_array_get(rows, k), ls_json_element(at, patch_at, k),
+                                 c->n_channels, -1e6, 1e6,
+                                 c->L + (p * c->n_colours + k) * c->n_channels, diag);
     }
     return err;
 }
@@ -313,7 +208,7 @@ static enum ls_err hot_pixels(const json_t *value, struct ls_calibration_camera 
                               struct ls_diag *diag)
 {
     char path[160], at[160];
-    enum ls_err err = bounded(value, "camera.hot_pixels", LS_CALIBRATION_MAX_HOT, diag);
+    enum ls_err err = ls_json_bounded(value, "camera.hot_pixels", LS_CALIBRATION_MAX_HOT, diag);
     if (err)
         return err;
     uint32_t n = (uint32_t)json_array_size(value);
@@ -323,10 +218,11 @@ static enum ls_err hot_pixels(const json_t *value, struct ls_calibration_camera 
     camera->n_hot = n;
     for (uint32_t i = 0; i < n && !err; i++) {
         const json_t *pair = json_array_get(value, i);
-        err = array(pair, element(path, "camera.hot_pixels", i), 2, diag);
+        err = ls_json_array(pair, ls_json_element(path, "camera.hot_pixels", i), 2, diag);
         for (uint32_t k = 0; k < 2 && !err; k++) {
             double x = 0;
-            err = number(json_array_get(pair, k), element(at, path, k), 0, 1e6, &x, diag);
+            err = ls_json_number(json_array_get(pair, k), ls_json_element(at, path, k), 0, 1e6, &x,
+                                 diag);
             if (!err && x != floor(x))
                 err = ls_fail(diag, LS_ERR_INVALID, "calibration: %s: expected a whole number", at);
             camera->hot[i][k] = (uint32_t)x;
@@ -350,8 +246,8 @@ static enum ls_err constants(const json_t *value, struct ls_calibration_camera *
     };
     enum ls_err err = LS_OK;
     for (size_t i = 0; i < sizeof numbers / sizeof *numbers && !err; i++)
-        err = member(value, "camera", numbers[i].key, numbers[i].low, numbers[i].high,
-                     numbers[i].out, diag);
+        err = ls_json_member(value, "camera", numbers[i].key, numbers[i].low, numbers[i].high,
+                             numbers[i].out, diag);
     return err;
 }
 
@@ -359,7 +255,8 @@ static enum ls_err range(const json_t *value, struct ls_calibration_camera *came
                          struct ls_diag *diag)
 {
     float r[2] = {0};
-    enum ls_err err = floats(json_object_get(value, "range"), "camera.range", 2, 0, 1, r, diag);
+    enum ls_err err =
+        ls_json_floats(json_object_get(value, "range"), "camera.range", 2, 0, 1, r, diag);
     if (!err && !(r[0] < r[1]))
         err = ls_fail(diag, LS_ERR_INVALID, "calibration: camera.range: expected low < high");
     camera->range_low = r[0];
@@ -371,8 +268,8 @@ static enum ls_err filter(const json_t *value, const struct ls_calibration *c,
                           struct ls_calibration_camera *camera, struct ls_diag *diag)
 {
     static const char *const known[] = {"mono", "RG", "GR", "GB", "BG"};
-    enum ls_err err =
-        string(json_object_get(value, "cfa"), "camera.cfa", sizeof camera->cfa, camera->cfa, diag);
+    enum ls_err err = ls_json_string(json_object_get(value, "cfa"), "camera.cfa",
+                                     sizeof camera->cfa, camera->cfa, diag);
     if (err)
         return err;
     for (size_t i = 0; i < sizeof known / sizeof *known; i++)
@@ -388,15 +285,15 @@ static enum ls_err camera(const json_t *root, struct ls_calibration *c, struct l
     const json_t *value = json_object_get(root, "camera");
     struct ls_calibration_camera *out = &c->camera;
     if (!json_is_object(value))
-        return wrong(diag, "camera", "an object", value);
+        return ls_json_wrong(diag, "camera", "an object", value);
     enum ls_err err = constants(value, out, diag);
     if (!err)
         err = range(value, out, diag);
     if (!err)
         err = filter(value, c, out, diag);
     if (!err)
-        err = string(json_object_get(value, "pixel_format"), "camera.pixel_format",
-                     sizeof out->pixel_format, out->pixel_format, diag);
+        err = ls_json_string(json_object_get(value, "pixel_format"), "camera.pixel_format",
+                             sizeof out->pixel_format, out->pixel_format, diag);
     if (!err)
         err = hot_pixels(json_object_get(value, "hot_pixels"), out, diag);
     const json_t *sensitivities = json_object_get(value, "sensitivities");
@@ -411,12 +308,12 @@ static enum ls_err matrix(const json_t *root, struct ls_calibration *c, struct l
     const json_t *value = json_object_get(root, "M");
     if (!value)
         return LS_OK;
-    enum ls_err err = array(value, "M", 3, diag);
+    enum ls_err err = ls_json_array(value, "M", 3, diag);
     for (uint32_t r = 0; r < 3 && !err; r++) {
         const json_t *row = json_array_get(value, r);
-        err = array(row, element(at, "M", r), 3, diag);
+        err = ls_json_array(row, ls_json_element(at, "M", r), 3, diag);
         for (uint32_t k = 0; k < 3 && !err; k++)
-            err = number(json_array_get(row, k), at, -1e6, 1e6, &c->m[r][k], diag);
+            err = ls_json_number(json_array_get(row, k), at, -1e6, 1e6, &c->m[r][k], diag);
     }
     c->has_m = !err;
     return err;
@@ -428,7 +325,7 @@ static enum ls_err sizes(const json_t *root, uint32_t *n_lights, uint32_t *n_cha
                          uint32_t *n_colours, struct ls_diag *diag)
 {
     double format = 0;
-    enum ls_err err = member(root, "", "format", -1e9, 1e9, &format, diag);
+    enum ls_err err = ls_json_member(root, "", "format", -1e9, 1e9, &format, diag);
     if (err)
         return err;
     if (format != 1)
@@ -437,8 +334,8 @@ static enum ls_err sizes(const json_t *root, uint32_t *n_lights, uint32_t *n_cha
                        format);
     const json_t *where = json_object_get(json_object_get(root, "lights"), "position_m");
     const json_t *list = json_object_get(root, "channels");
-    if ((err = bounded(where, "lights.position_m", LS_CALIBRATION_MAX_LIGHTS, diag)) ||
-        (err = bounded(list, "channels", LS_CALIBRATION_MAX_CHANNELS, diag)))
+    if ((err = ls_json_bounded(where, "lights.position_m", LS_CALIBRATION_MAX_LIGHTS, diag)) ||
+        (err = ls_json_bounded(list, "channels", LS_CALIBRATION_MAX_CHANNELS, diag)))
         return err;
     const char *first = json_string_value(json_object_get(json_array_get(list, 0), "name"));
     const json_t *p = first ? json_object_get(json_object_get(root, "p"), first) : NULL;
@@ -465,7 +362,7 @@ static enum ls_err fill(const json_t *root, struct ls_calibration *c, struct ls_
     if (!err)
         err = patterns(root, c, diag);
     if (!err)
-        err = member(root, "", "scale", 1e-30, 1e30, &c->scale, diag);
+        err = ls_json_member(root, "", "scale", 1e-30, 1e30, &c->scale, diag);
     if (!err)
         err = chart(root, c, diag);
     if (!err)
@@ -474,6 +371,8 @@ static enum ls_err fill(const json_t *root, struct ls_calibration *c, struct ls_
         err = camera(root, c, diag);
     if (!err)
         err = matrix(root, c, diag);
+    if (!err)
+        err = ls_calibration_parse_optional(root, c, diag);
     return err;
 }
 

@@ -1,4 +1,5 @@
 #include "core/calibration.h"
+#include "core/calibration_json.h"
 
 #include <jansson.h>
 
@@ -58,9 +59,11 @@ static json_t *patterns(const struct ls_calibration *c)
     json_t *list = json_array();
     for (uint32_t i = 0; i < c->n_patterns; i++) {
         const struct ls_calibration_pattern *p = &c->patterns[i];
-        json_array_append_new(list, json_pack("{s:s, s:s, s:f, s:f}", "channel",
-                                              c->channels[p->channel].name, "pattern", p->pattern,
-                                              "duty", p->duty, "factor", p->factor));
+        json_t *item = json_pack("{s:s, s:s, s:f, s:f}", "channel", c->channels[p->channel].name,
+                                 "pattern", p->pattern, "duty", p->duty, "factor", p->factor);
+        if (p->sigma > 0)
+            json_object_set_new(item, "sigma", json_real(p->sigma));
+        json_array_append_new(list, item);
     }
     return list;
 }
@@ -121,6 +124,8 @@ enum ls_err ls_calibration_write(const struct ls_calibration *c, char **text, st
         json_object_set_new(root, "L", chart_light(c));
     if (root && c->has_m)
         json_object_set_new(root, "M", matrix(c));
+    if (root)
+        ls_calibration_write_optional(c, root);
     *text = root ? json_dumps(root, JSON_COMPACT | JSON_REAL_PRECISION(9)) : NULL;
     json_decref(root);
     if (!*text)

@@ -3,6 +3,7 @@
 
 #include <glib.h>
 #include <jansson.h>
+#include <math.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -64,6 +65,34 @@ static struct ls_calibration *sample(uint32_t n_colours)
     return c;
 }
 
+/* What a measured calibration has besides. */
+static void measure(struct ls_calibration *c)
+{
+    g_assert_cmpint(ls_calibration_add_measured(c, NULL), ==, LS_OK);
+    c->flags[3] = LS_LIGHT_ONE_SIDED | LS_LIGHT_DEAD;
+    c->flags[4] = LS_LIGHT_UNCERTAIN;
+    c->measured_direction[2][0] = 0.6f;
+    c->measured_direction[2][1] = 0.8f;
+    c->sigma_direction_deg[2] = 0.17f;
+    g_assert_cmpint(ls_calibration_add_polarisation(c, 2, NULL), ==, LS_OK);
+    c->a_v[7] = 0.9f;
+    c->a_h[9] = -0.1f;
+    c->k_colour = g_new(float, 10 * c->n_colours);
+    for (uint32_t i = 0; i < 10 * c->n_colours; i++)
+        c->k_colour[i] = 1 + (float)i / 1000;
+    c->has_mirror = true;
+    for (uint32_t k = 0; k < c->n_colours; k++)
+        c->mirror_reflectivity[k] = 0.625;
+    g_assert_cmpint(ls_calibration_put_residual(c, "outline", 1, "px", NULL), ==, LS_OK);
+    g_assert_cmpint(ls_calibration_put_residual(c, "share", 0.5, "", NULL), ==, LS_OK);
+    g_assert_cmpint(ls_calibration_put_residual(c, "outline", 0.04, "px", NULL), ==, LS_OK);
+    strcpy(c->provenance.date, "2030-01-02T03:04:05Z");
+    strcpy(c->provenance.software, "lightstaged 0.1.0");
+    c->provenance.n_takes = 1;
+    strcpy(c->provenance.takes[0].subject, "grey sphere");
+    strcpy(c->provenance.takes[0].take, "t-1");
+}
+
 static char *text_of(uint32_t n_colours)
 {
     struct ls_calibration *c = sample(n_colours);
@@ -78,6 +107,10 @@ static void round_trip(uint32_t n_colours)
     struct ls_calibration *a = sample(n_colours), *b = NULL;
     struct ls_diag diag = {{0}};
     char *text = text_of(n_colours), *again = NULL;
+    g_assert_null(strstr(text, "residuals")); /* what was not measured leaves no key */
+    free(text);
+    measure(a);
+    g_assert_cmpint(ls_calibration_write(a, &text, NULL), ==, LS_OK);
     enum ls_err err = ls_calibration_parse(text, strlen(text), &b, &diag);
     g_assert_cmpstr(diag.text, ==, "");
     g_assert_cmpint(err, ==, LS_OK);
@@ -96,6 +129,18 @@ static void round_trip(uint32_t n_colours)
     g_assert_cmpfloat(ls_calibration_factor(b, 1, "sphere", 0.02), ==, 0);
     g_assert_cmpfloat(ls_calibration_factor(b, 0, "sphere", 0.0111), ==, 0);
     g_assert_true(b->has_m == (n_colours == 3));
+    g_assert_cmpmem(a->flags, 5, b->flags, 5);
+    g_assert_cmpmem(a->k_colour, 10 * n_colours * sizeof(float), b->k_colour,
+                    10 * n_colours * sizeof(float));
+    g_assert_cmpmem(a->measured_direction, 15 * sizeof(float), b->measured_direction,
+                    15 * sizeof(float));
+    g_assert_cmpuint(b->n_polarised, ==, 2);
+    g_assert_cmpfloat(b->a_v[7], ==, 0.9f);
+    g_assert_cmpfloat(b->a_h[9], ==, -0.1f);
+    g_assert_cmpfloat(b->mirror_reflectivity[n_colours - 1], ==, 0.625);
+    g_assert_cmpuint(b->n_residuals, ==, 2);
+    g_assert_cmpfloat(b->residuals[0].value, ==, 0.04);
+    g_assert_cmpstr(b->provenance.takes[0].take, ==, "t-1");
     g_assert_cmpint(ls_calibration_write(b, &again, NULL), ==, LS_OK);
     g_assert_cmpstr(text, ==, again);
     free(text);
@@ -113,7 +158,11 @@ static void test_round_trip(void)
 /* Replace the value at a dotted path ("k.W.2": keys and indices) by @value; "" removes it. */
 static char *changed(const char *path, const char *value)
 {
-    char *text = text_of(3);
+    struct ls_calibration *c = sample(3);
+    char *text = NULL;
+    measure(c);
+    g_assert_cmpint(ls_calibration_write(c, &text, NULL), ==, LS_OK);
+    ls_calibration_destroy(c);
     json_t *root = json_loads(text, 0, NULL), *at = root;
     char **keys = g_strsplit(path, ".", -1);
     guint n = g_strv_length(keys);
@@ -171,6 +220,24 @@ static void test_wrong_values(void)
         {"camera.hot_pixels.0", "[1.5, 2]", "camera.hot_pixels[0][0]", LS_ERR_INVALID},
         {"camera", "", "camera", LS_ERR_INVALID},
         {"M.1", "[1, 2]", "M[1]", LS_ERR_INVALID},
+        {"lights.flags", "[]", "lights.flags", LS_ERR_INVALID},
+        {"lights.flags.dead", "[5]", "lights.flags.dead[0]", LS_ERR_INVALID},
+        {"lights.flags.dead", "[1.5]", "lights.flags.dead[0]", LS_ERR_INVALID},
+        {"lights.flags.dead", "[1,1,1,1,1,1]", "lights.flags.dead", LS_ERR_LIMIT},
+        {"lights.measured_direction.1", "[1, 1, 0]", "measured_direction[1]", LS_ERR_INVALID},
+        {"lights.sigma_direction_deg.1", "-1", "sigma_direction_deg[1]", LS_ERR_INVALID},
+        {"k_colour.V.4", "[1, 1]", "k_colour.V[4]", LS_ERR_INVALID},
+        {"k_colour.V.4", "[1, 1, 0]", "k_colour.V[4][2]", LS_ERR_INVALID},
+        {"polarisation", "[]", "polarisation", LS_ERR_INVALID},
+        {"polarisation.a_v", "[]", "polarisation.a_v", LS_ERR_INVALID},
+        {"polarisation.a_h", "[[1, 1, 1, 1, 1]]", "polarisation.a_h", LS_ERR_INVALID},
+        {"polarisation.a_h.1.2", "1e9", "polarisation.a_h[1][2]", LS_ERR_INVALID},
+        {"mirror_reflectivity", "[1]", "mirror_reflectivity", LS_ERR_INVALID},
+        {"residuals.1.unit", "1", "residuals[1].unit", LS_ERR_INVALID},
+        {"residuals.1.name", "\"\"", "residuals[1].name", LS_ERR_INVALID},
+        {"provenance.takes.0.take", "", "provenance.takes[0].take", LS_ERR_INVALID},
+        {"provenance.date", "7", "provenance.date", LS_ERR_INVALID},
+        {"pattern_factors.0.sigma", "-1", "pattern_factors[0].sigma", LS_ERR_INVALID},
     };
     for (size_t i = 0; i < G_N_ELEMENTS(cases); i++) {
         char *text = changed(cases[i].path, cases[i].value);
@@ -239,11 +306,41 @@ static void test_mangled(void)
     free(text);
 }
 
+static void test_uncalibrated(void)
+{
+    struct ls_calibration *c = sample(3);
+    struct ls_diag diag = {{0}};
+    double factor = 0;
+    g_assert_cmpint(ls_calibration_find_factor(c, 1, "sphere", 0.0111, &factor, &diag), ==, LS_OK);
+    g_assert_cmpfloat(factor, ==, 1.2118);
+    g_assert_cmpint(ls_calibration_find_factor(c, 1, "sphere", 0.02, &factor, &diag), ==,
+                    LS_ERR_NOT_FOUND);
+    g_assert_nonnull(strstr(diag.text, "uncalibrated: "));
+    g_assert_nonnull(strstr(diag.text, "channel V, pattern sphere at duty 0.02"));
+    g_assert_nonnull(strstr(diag.text, "0.011109"));
+    g_assert_cmpint(ls_calibration_find_factor(c, 0, "headlight", 0.5, &factor, &diag), ==,
+                    LS_ERR_NOT_FOUND);
+    g_assert_nonnull(strstr(diag.text, "none"));
+    struct ls_calibration_pattern p = {0, "headlight", 0.5, 1.01, 0.001};
+    g_assert_cmpint(ls_calibration_put_factor(c, &p, &diag), ==, LS_OK);
+    p.factor = 1.02;
+    g_assert_cmpint(ls_calibration_put_factor(c, &p, &diag), ==, LS_OK);
+    g_assert_cmpuint(c->n_patterns, ==, 2);
+    g_assert_cmpint(ls_calibration_find_factor(c, 0, "headlight", 0.5, &factor, &diag), ==, LS_OK);
+    g_assert_cmpfloat(factor, ==, 1.02);
+    p.factor = NAN;
+    g_assert_cmpint(ls_calibration_put_factor(c, &p, &diag), ==, LS_ERR_INVALID);
+    g_assert_cmpint(ls_calibration_put_residual(c, "x", INFINITY, "", &diag), ==, LS_ERR_INVALID);
+    ls_calibration_destroy(c);
+}
+
 int main(int argc, char **argv)
 {
     g_test_init(&argc, &argv, NULL);
     g_test_add_func("/calibration/comes-back-as-written", test_round_trip);
     g_test_add_func("/calibration/a-wrong-value-is-refused-by-name", test_wrong_values);
+    g_test_add_func("/calibration/a-pattern-without-a-factor-is-named-in-a-sentence",
+                    test_uncalibrated);
     g_test_add_func("/calibration/cut-and-nested-text-is-refused", test_hostile);
     g_test_add_func("/calibration/mangled-text-never-crashes", test_mangled);
     return g_test_run();
