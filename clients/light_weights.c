@@ -1,7 +1,7 @@
 #include "clients/light_weights.h"
 
 #include "core/envlights.h"
-#include "core/solve.h"
+#include "core/lighting.h"
 
 #include <math.h>
 #include <stdlib.h>
@@ -209,7 +209,7 @@ static enum ls_err solve_light(struct solver *solver, uint32_t light,
 {
     bool mono = solver->n_colours == 1;
     struct ls_spectrum spectrum;
-    struct ls_solution solution = {0};
+    struct ls_lighting_solution solution = {0};
     double alpha[3 * LS_DOCUMENT_CHANNELS];
     if (cell_is_dark(solver, light))
         return LS_OK;
@@ -222,7 +222,7 @@ static enum ls_err solve_light(struct solver *solver, uint32_t light,
     err = ls_lighting_solve(&solver->lighting, solver->targets, 3, alpha, &solution, diag);
     for (uint32_t r = 0; r < out->n_rows && !err; r++)
         out->rows[(size_t)r * out->n_lights + light] = (float)alpha[r];
-    out->worst_residual = fmax(out->worst_residual, solution.relative);
+    out->worst_residual = fmax(out->worst_residual, solution.worst.relative);
     return err;
 }
 

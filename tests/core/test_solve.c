@@ -1,3 +1,4 @@
+#include "core/lighting.h"
 #include "core/solve.h"
 
 #include <glib.h>
@@ -260,7 +261,7 @@ static void test_the_stage_s_own_light_is_solved_exactly(void)
     struct ls_lighting lighting = {
         .n_patches = PATCHES, .n_channels = 3, .n_spectra = SPECTRA, .chart = l};
     for (int with_m = 0; with_m < 2; with_m++) {
-        struct ls_solution out;
+        struct ls_lighting_solution out;
         lighting.m = with_m ? m : NULL;
         ls_lighting_defaults(&lighting);
         g_assert_cmpint(ls_lighting_space(&lighting), ==,
@@ -269,8 +270,8 @@ static void test_the_stage_s_own_light_is_solved_exactly(void)
         for (size_t s = 0; s < SPECTRA; s++)
             /* condition below 100 */
             g_assert_cmpfloat_with_epsilon(alpha[s], truth[s], 1e-12);
-        g_assert_cmpfloat(out.relative, <, 1e-12);
-        g_assert_cmpuint(out.rank, ==, SPECTRA);
+        g_assert_cmpfloat(out.worst.relative, <, 1e-12);
+        g_assert_cmpuint(out.worst.rank, ==, SPECTRA);
     }
 }
 
