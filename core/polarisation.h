@@ -1,0 +1,112 @@
+/*
+ * polarisation: how much of a highlight a polarised light sends through the camera's polariser.
+ * Layer: core. Threads: any; pure. Ownership: everything is the caller's.
+ *
+ * The camera looks through a vertical polariser; every light has a vertical and a horizontal one.
+ * With V and H the pictures under them and W = V + H under both, all scaled so that a depolariser
+ * (matte) reads W/2 under each, a pixel with diffuse part D and specular part S is
+ *
+ *     V = a_V S + D/2,   H = a_H S + D/2,   a_V + a_H = 1.
+ *
+ * The paper's V - H is S, and 2 H is D, where a = (1, 0): a reflection that leaves vertical light
+ * vertical. That holds near the camera's equator only. A light above or below it is reflected in a
+ * plane that is tilted against its axis, and the two polarisations across and in that plane are
+ * reflected unequally; so a is a number of its own for every light.
+ *
+ * From the half vector. Light comes from l, leaves towards the camera along v (unit vectors, both
+ * away from the surface), so the reflecting facet faces h = (l + v)/|l + v| at incidence theta,
+ * cos theta = |l + v|/2, whatever the roughness. With s a unit vector along l x v, the amplitude
+ * Fresnel coefficients r_s, r_p (Born and Wolf, Principles of Optics, 1.5.2, the sign of r_p such
+ * that r_p = -r_s at normal incidence), and M e = e - 2 (e.h) h the mirror image of the field e, a
+ * field leaves as
+ *
+ *     e' = -r_p M e + (r_s + r_p) (e.s) s
+ *
+ * (M keeps the part along s and turns the part in the plane of incidence over, hence the sign).
+ * Through an analyser along a it has the power (a.e')^2 = A^2:
+ *
+ *     A = -r_p (a.e - 2 (e.h)(a.h)) + (r_s + r_p) (e.s)(a.s)
+ *
+ * At normal incidence r_s + r_p = 0 and s, undefined, is not needed. a_V = A_V^2 / (A_V^2 + A_H^2).
+ * A vertical polariser's axis is the vertical (+y) projected across the ray, "as vertical as the
+ * light allows"; a light straight above or below has no such direction, and there the axis points
+ * away from the camera (-z). The horizontal axis is across both. The analyser's axis is the
+ * camera's up, projected across its view.
+ *
+ * Conductors reflect both polarisations nearly alike, so their own a differs from a dielectric's.
+ * That does no harm where their diffuse and specular parts are promoted by the same ratio, as
+ * core/conductor.h does: D + S = V + H whatever a is.
+ */
+#ifndef LS_CORE_POLARISATION_H
+#define LS_CORE_POLARISATION_H
+
+#include "core/error.h"
+#include "core/field.h"
+
+#include <stdbool.h>
+#include <stdint.h>
+
+/** a_V and a_H of one light. Made by this file they are >= 0 and sum to 1; measured ones may lie
+ * outside [0, 1] by their noise. */
+struct ls_polarisation {
+    double v, h;
+};
+
+/** Below this |a_V - a_H| a light is inseparable: noise would be amplified more than fivefold. */
+#define LS_POLARISATION_LEAST 0.2
+
+/** The refractive index of glass, wax, skin and most coats, within 0.1. */
+#define LS_POLARISATION_INDEX 1.5
+
+/** a = (1, 0). RT-safe. */
+struct ls_polarisation ls_polarisation_ideal(void);
+
+/** Are V and H of such a light good for a separation? False for NaN. RT-safe. */
+bool ls_polarisation_separable(struct ls_polarisation a);
+
+/**
+ * a from the half vector. @to_light, @to_camera: from the point of the subject (usually the stage's
+ * centre), any length; @camera_up: the analyser's axis, any vector not along the view; @index: of
+ * the dielectric, > 1. Where the camera's polariser stops both reflections (power below 1e-6, as at
+ * the Brewster angle straight above) there is no highlight to speak of: a = (1/2, 1/2), which is
+ * inseparable. Accuracy: 1e-12 against exact arithmetic, away from that case. Errors:
+ * LS_ERR_INVALID (a vector that is null or not finite, an axis along the view, an index <= 1).
+ */
+LS_MUST_CHECK enum ls_err ls_polarisation_reflect(const double to_light[3],
+                                                  const double to_camera[3],
+                                                  const double camera_up[3], double index,
+                                                  struct ls_polarisation *out,
+                                                  struct ls_diag *diag);
+
+/** Pictures of a black glossy sphere under one light, spans of width x height samples of one
+ * channel, or mosaics; gained, so that a depolariser reads V = H. */
+struct ls_polarisation_probe {
+    const float *v, *h;
+    const float *w;         /* unpolarised, in the scale of V + H; or NULL */
+    const uint8_t *on_ball; /* 1 where the sphere is, or NULL: everywhere */
+    uint32_t width, height;
+    struct ls_field_noise noise; /* of a sample of V or H; what all lights share is left out */
+};
+
+struct ls_polarisation_measured {
+    struct ls_polarisation a;
+    double sigma;    /* standard error of a_V, and of a_H, from the noise given */
+    double closure;  /* (V + H) / W of the highlight; 0 without W */
+    double x, y;     /* the highlight's centre of gravity, px, middle of the first pixel 0.5 */
+    uint32_t n_used; /* samples of the highlight */
+};
+
+/**
+ * a_V = sum (V - V0) / sum (V + H - V0 - H0) over the highlight. The highlight is the samples of
+ * the ball within a quarter of the brightest 3 x 3 mean of V + H and no farther from it than eight
+ * times the half width of that patch; V0, H0 are the means in the ring around it, from 1.5 to 2.5
+ * times its radius. What little a black ball scatters is the same in the ring and goes; the
+ * highlight's own tail there has the same a, so that its loss does not bias the quotient. Errors:
+ * LS_ERR_INVALID (sizes, noise), LS_ERR_NOT_FOUND (no highlight of 10 sigma, or one without a ring:
+ * take a from the half vector instead), LS_ERR_NOMEM. Samples that are not finite are left out.
+ */
+LS_MUST_CHECK enum ls_err ls_polarisation_measure(const struct ls_polarisation_probe *probe,
+                                                  struct ls_polarisation_measured *out,
+                                                  struct ls_diag *diag);
+
+#endif
