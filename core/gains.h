@@ -1,0 +1,80 @@
+/*
+ * gains: the lights' brightness gains of one spectrum from the strengths that shading found.
+ * Layer: core. Threads: any; pure. Ownership: every array is the caller's.
+ *
+ * Model: ln q(i,j) = ln g(i) + ln level(j), j = camera x colour: one level per camera and colour,
+ * found from the lights that cameras share; weighted least squares, exact (the lights eliminated,
+ * then a system of at most 48 unknowns). Weight of a measurement: 1/(relative error)^2, which grows
+ * with the lit visible area, times 0 where the lit part is below 10 %, rising to 1 at 20 %.
+ * Measurements of SNR q/sigma >= 100 count; a light that has none of them (or none with enough lit
+ * area) takes what it has, its level known by then. Errors are scaled by sqrt(chi^2/dof) where
+ * cameras or colours disagree by more than their errors say.
+ * Normalisation: mean of g over the lights = 1 (ls_field_normalise_gains); k = 1/g.
+ *
+ * From the levels, with rho the reflectance of the grey sphere and "green" the reference colour
+ * (mono: the only one): scale = rho / level(W, green), p(s,c) = level(s,c) / level(W, green).
+ */
+#ifndef LS_CORE_GAINS_H
+#define LS_CORE_GAINS_H
+
+#include "core/error.h"
+
+#include <stdbool.h>
+#include <stdint.h>
+
+#define LS_GAINS_MIN_SNR 100.0
+#define LS_GAINS_MIN_LIT 0.10
+#define LS_GAINS_COLOUR_SIGMA 0.005
+
+struct ls_gains_input {
+    uint32_t n_lights, n_cameras, n_colours; /* cameras <= 16; colours 3 or 1 */
+    const double *strength, *sigma; /* [(light * n_cameras + camera) * n_colours + colour]; sigma
+                                       <= 0 or not finite: not measured */
+    const double *lit;              /* [light * n_cameras + camera] */
+    const uint8_t *one_sided;       /* [light], see ls_gains_one_sided; NULL = none */
+};
+
+struct ls_gains {
+    double *g, *k, *sigma_k;   /* [light], caller's */
+    double *colour;            /* [light * n_colours + colour] factors on k, or NULL; 1 except where
+                                  the colour's own error is < 0.5 % and it differs by > 4 of them */
+    uint8_t *flags;            /* [light], enum ls_light_flag (core/calibration.h) */
+    double level[16][3];       /* strength of a light of g = 1, per camera and colour; 0 unknown */
+    double level_sigma[16][3]; /* relative */
+    double chi2;               /* per degree of freedom; 0 without any */
+    uint32_t n_snr;            /* lights with a measurement of SNR >= 100 */
+};
+
+/**
+ * Dead lights (below 2 % of the middle one) and those nobody measured get g = k = 1 and their flag.
+ * sigma_k of a one-sided light is at least 2 %: a real sphere is no Lambertian at grazing angles.
+ * Errors: LS_ERR_INVALID with a sentence: nothing was measured well enough (dark, no sphere), or
+ * cameras share no light; LS_ERR_LIMIT, LS_ERR_NOMEM. Never NaN, never a k outside [1e-6, 1e6].
+ */
+LS_MUST_CHECK enum ls_err ls_gains_solve(const struct ls_gains_input *input, struct ls_gains *out,
+                                         struct ls_diag *diag);
+
+/** Does @direction lie more than 120 degrees from every camera, seen from the centre? RT-safe. */
+bool ls_gains_one_sided(const double direction[3], const double (*camera_m)[3], uint32_t n_cameras);
+
+/**
+ * Behind a polariser: scale g (and k, sigma_k, level) so that a depolariser reads half of W in the
+ * reference colour: V + H = W. @w: the solved white channel. Averages over cameras. @n_lights of
+ * both. LS_ERR_INVALID: no camera knows both levels.
+ */
+LS_MUST_CHECK enum ls_err ls_gains_scale_polarised(struct ls_gains *gains, const struct ls_gains *w,
+                                                   uint32_t n_lights, uint32_t n_cameras,
+                                                   uint32_t n_colours, struct ls_diag *diag);
+
+/**
+ * Closure of one camera: scale, and p(s,c) of a spectrally flat 100 % Lambertian for each of
+ * @n_channels solved channels, white first. @reflectance: of the sphere per channel and colour
+ * [channel * n_colours + colour] (0.33 everywhere for the grey sphere). @p: [channel][3].
+ * LS_ERR_INVALID: white has no level in this camera, a reflectance is not in (0, 1].
+ */
+LS_MUST_CHECK enum ls_err ls_gains_closure(const struct ls_gains *const *channels,
+                                           uint32_t n_channels, uint32_t camera, uint32_t n_colours,
+                                           const double *reflectance, double *scale, float (*p)[3],
+                                           struct ls_diag *diag);
+
+#endif
