@@ -1,201 +1,19 @@
 #include "daemon/plan.h"
 
-#include "daemon/conf_read.h"
+#include "daemon/plan_conditions.h"
 
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
 enum {
-    MAX_CONDITIONS = 65536,
     MAX_STEPS = 1 << 20,
-    MAX_LEDS = 1 << 20,
-    FULL_LEVEL = 65535,
-    SPHERE_LEVEL = FULL_LEVEL / 90, /* a full sphere is about 90 times one front light */
     SETTLE_US = 100,
     TRIGGER_MARGIN_US = 500, /* pulse end to next pulse: sensor transfer and line latency */
     WATCH_FRAMES = 4,
 };
 
 static const char *const subject_words[] = {"still", "live", NULL};
-static const char *const kind_words[] = {"each", "sphere", "segment", NULL};
-enum kind { KIND_EACH, KIND_SPHERE, KIND_SEGMENT };
-
-/* The plan while it grows. */
-struct builder {
-    struct ls_plan *plan;
-    const struct ls_config *config;
-    uint32_t n_leds;
-    uint32_t segments;
-};
-
-static struct ls_led *add_leds(struct ls_conf *c, struct builder *b, uint32_t n)
-{
-    if (b->n_leds + n > MAX_LEDS) {
-        ls_conf_error(c, "lights", "the plan names more than %d LEDs", MAX_LEDS);
-        return NULL;
-    }
-    struct ls_led *leds = b->plan->leds + b->n_leds;
-    b->n_leds += n;
-    return leds;
-}
-
-static struct ls_plan_condition *add_condition(struct ls_conf *c, struct builder *b)
-{
-    if (b->plan->n_conditions == MAX_CONDITIONS) {
-        ls_conf_error(c, "kind", "the plan has more than %d conditions", MAX_CONDITIONS);
-        return NULL;
-    }
-    struct ls_plan_condition *out = &b->plan->conditions[b->plan->n_conditions++];
-    *out = (struct ls_plan_condition){.light = -1, .channel = -1, .repeats = 1};
-    return out;
-}
-
-/* The controller's address of a row of the rig file. */
-static uint16_t address(const struct builder *b, uint16_t light)
-{
-    return (uint16_t)b->config->lights[light].address;
-}
-
-static void add_one(struct ls_conf *c, struct builder *b, uint16_t light, uint16_t channel,
-                    uint16_t level)
-{
-    struct ls_led *led = add_leds(c, b, 1);
-    struct ls_plan_condition *cond = led ? add_condition(c, b) : NULL;
-    if (!cond)
-        return;
-    *led = (struct ls_led){.light = address(b, light), .channel = channel, .level = level};
-    cond->lights = (struct ls_condition){LS_CONDITION_ONE, 1, led};
-    cond->light = light;
-    cond->channel = channel;
-    cond->level = level;
-    snprintf(cond->id, sizeof cond->id, "%s-%04u", b->config->channels[channel].name, light);
-}
-
-static void add_sphere(struct ls_conf *c, struct builder *b, uint16_t channel, uint16_t level)
-{
-    struct ls_led *led = add_leds(c, b, 1);
-    struct ls_plan_condition *cond = led ? add_condition(c, b) : NULL;
-    if (!cond)
-        return;
-    *led = (struct ls_led){.channel = channel, .level = level};
-    cond->lights = (struct ls_condition){LS_CONDITION_SPHERE, 1, led};
-    cond->channel = channel;
-    cond->level = level;
-    cond->parts = 1;
-    snprintf(cond->pattern, sizeof cond->pattern, "sphere");
-    snprintf(cond->id, sizeof cond->id, "sphere-%s", b->config->channels[channel].name);
-}
-
-static void add_segment(struct ls_conf *c, struct builder *b, const uint16_t *lights, uint32_t n,
-                        uint16_t channel, uint16_t level)
-{
-    struct ls_led *leds = add_leds(c, b, n);
-    struct ls_plan_condition *cond = leds ? add_condition(c, b) : NULL;
-    if (!cond)
-        return;
-    for (uint32_t i = 0; i < n; i++)
-        leds[i] =
-            (struct ls_led){.light = address(b, lights[i]), .channel = channel, .level = level};
-    cond->lights = (struct ls_condition){LS_CONDITION_SEGMENT, n, leds};
-    cond->channel = channel;
-    cond->level = level;
-    cond->parts = 1;
-    snprintf(cond->pattern, sizeof cond->pattern, "lights-%u", n);
-    snprintf(cond->id, sizeof cond->id, "segment%u-%s", b->segments,
-             b->config->channels[channel].name);
-}
-
-/* lights = [0, 5, 7], default every light. Returns how many; the array is the caller's. */
-static uint32_t read_lights(struct ls_conf *c, const struct ls_config *config, uint16_t *lights,
-                            bool needed)
-{
-    const config_setting_t *list = ls_conf_child(c, "lights", CONFIG_TYPE_ARRAY, needed);
-    if (!list) {
-        for (uint32_t i = 0; i < config->n_lights; i++)
-            lights[i] = (uint16_t)i;
-        return config->n_lights;
-    }
-    int n = config_setting_length(list);
-    if (n < 1 || n > (int)config->n_lights) {
-        ls_conf_error(c, "lights", "%d lights: expected 1 to %u", n, config->n_lights);
-        return 0;
-    }
-    for (int i = 0; i < n; i++) {
-        int v = config_setting_get_int_elem(list, i);
-        if (v < 0 || v >= (int)config->n_lights) {
-            ls_conf_error(c, "lights", "light %d: expected 0 to %u (rows of the rig file)", v,
-                          config->n_lights - 1);
-            return 0;
-        }
-        lights[i] = (uint16_t)v;
-    }
-    return (uint32_t)n;
-}
-
-static uint32_t read_channels(struct ls_conf *c, const struct ls_config *config,
-                              uint16_t channels[LS_MAX_CHANNELS])
-{
-    const config_setting_t *list = ls_conf_child(c, "channels", CONFIG_TYPE_ARRAY, true);
-    int n = list ? config_setting_length(list) : 0;
-    if (list && (n < 1 || n > LS_MAX_CHANNELS))
-        ls_conf_error(c, "channels", "%d channels: expected 1 to %d", n, LS_MAX_CHANNELS);
-    for (int i = 0; i < n && !c->err; i++) {
-        const char *name = config_setting_get_string_elem(list, i);
-        int channel = name ? ls_config_channel(config, name) : -1;
-        if (channel < 0)
-            ls_conf_error(c, "channels", "\"%s\": the rig has no such channel", name ? name : "?");
-        else
-            channels[i] = (uint16_t)channel;
-    }
-    return c->err ? 0 : (uint32_t)n;
-}
-
-static void read_condition(struct ls_conf *list, const config_setting_t *group, struct builder *b,
-                           uint16_t *lights)
-{
-    struct ls_conf c;
-    ls_conf_begin(&c, group, list->file, list->diag);
-    enum kind kind = (enum kind)ls_conf_word(&c, "kind", kind_words, -1);
-    uint16_t channels[LS_MAX_CHANNELS];
-    uint32_t n_channels = read_channels(&c, b->config, channels);
-    int64_t usual = kind == KIND_SPHERE ? SPHERE_LEVEL : FULL_LEVEL;
-    uint16_t level = (uint16_t)ls_conf_int(&c, "level", usual, 1, FULL_LEVEL);
-    if (kind == KIND_EACH && level != FULL_LEVEL)
-        ls_conf_error(&c, "level", "%u: single lights are photographed at %d: R = k E holds for "
-                                   "what k was measured at", level, FULL_LEVEL);
-    uint32_t n_lights = 0;
-    if (kind != KIND_SPHERE)
-        n_lights = read_lights(&c, b->config, lights, kind == KIND_SEGMENT);
-    for (uint32_t k = 0; k < n_channels && !c.err; k++) {
-        if (kind == KIND_SPHERE)
-            add_sphere(&c, b, channels[k], level);
-        else if (kind == KIND_SEGMENT)
-            add_segment(&c, b, lights, n_lights, channels[k], level);
-        for (uint32_t i = 0; kind == KIND_EACH && i < n_lights && !c.err; i++)
-            add_one(&c, b, lights[i], channels[k], level);
-    }
-    b->segments += kind == KIND_SEGMENT;
-    list->err = list->err ? list->err : ls_conf_finish(&c);
-}
-
-static void read_conditions(struct ls_conf *c, struct builder *b)
-{
-    const config_setting_t *list = ls_conf_child(c, "conditions", CONFIG_TYPE_LIST, true);
-    LS_CLEANUP_FREE uint16_t *lights = calloc(b->config->n_lights, sizeof *lights);
-    if (!lights)
-        c->err = LS_ERR_NOMEM;
-    int n = list ? config_setting_length(list) : 0;
-    if (list && !n)
-        ls_conf_error(c, "conditions", "empty: nothing to photograph");
-    for (int i = 0; i < n && !c->err; i++)
-        read_condition(c, config_setting_get_elem(list, (unsigned)i), b, lights);
-    for (uint32_t i = 0; i < b->plan->n_conditions && !c->err; i++)
-        for (uint32_t j = 0; j < i && !c->err; j++)
-            if (!strcmp(b->plan->conditions[i].id, b->plan->conditions[j].id))
-                ls_conf_error(c, "conditions", "%s is asked for twice", b->plan->conditions[i].id);
-}
-
 static void read_exposures(struct ls_conf *c, struct ls_plan *plan)
 {
     const config_setting_t *list = ls_conf_child(c, "exposures_us", CONFIG_TYPE_ARRAY, true);
@@ -218,11 +36,11 @@ static void read_exposures(struct ls_conf *c, struct ls_plan *plan)
 }
 
 /* Darks stand before the lights: merging is online and needs them. */
-static void add_darks(struct ls_conf *c, struct builder *b)
+static void add_darks(struct ls_conf *c, struct ls_plan_builder *b)
 {
     uint32_t k = (uint32_t)ls_conf_int(c, "darks", 64, 2, 4096);
     for (uint32_t e = 0; e < b->plan->n_exposures && !c->err; e++) {
-        struct ls_plan_condition *cond = add_condition(c, b);
+        struct ls_plan_condition *cond = ls_plan_add_condition(c, b);
         if (!cond)
             return;
         cond->lights = (struct ls_condition){.kind = LS_CONDITION_DARK};
@@ -249,9 +67,9 @@ static void make_watch(struct ls_plan_condition *cond, uint32_t index, uint32_t 
 static void add_watches(struct ls_conf *c, struct ls_plan *plan)
 {
     uint32_t lit = plan->n_conditions - plan->n_exposures, n = lit / LS_WATCH_EVERY;
-    if (plan->n_conditions + n > MAX_CONDITIONS) {
+    if (plan->n_conditions + n > LS_PLAN_MAX_CONDITIONS) {
         ls_conf_error(c, "conditions", "with its watches the plan has more than %d conditions",
-                      MAX_CONDITIONS);
+                      LS_PLAN_MAX_CONDITIONS);
         return;
     }
     plan->n_conditions += n;
@@ -306,7 +124,7 @@ static uint32_t default_period_us(const struct ls_plan *plan, const struct ls_co
     return (uint32_t)(period + 0.999);
 }
 
-static void read_plan(struct ls_conf *c, struct builder *b)
+static void read_plan(struct ls_conf *c, struct ls_plan_builder *b)
 {
     struct ls_plan *plan = b->plan;
     plan->subject =
@@ -317,7 +135,7 @@ static void read_plan(struct ls_conf *c, struct builder *b)
     if (c->err)
         return;
     add_darks(c, b);
-    read_conditions(c, b);
+    ls_plan_read_conditions(c, b);
     if (!c->err)
         add_watches(c, plan);
     plan->settle_us = (uint32_t)ls_conf_int(c, "settle_us", SETTLE_US, 0, 1000000);
@@ -332,10 +150,10 @@ enum ls_err ls_plan_parse(const char *text, const struct ls_config *config, stru
 {
     config_t tree;
     struct ls_conf c;
-    struct builder b = {.plan = calloc(1, sizeof *b.plan), .config = config};
+    struct ls_plan_builder b = {.plan = calloc(1, sizeof *b.plan), .config = config};
     if (b.plan) {
-        b.plan->conditions = calloc(MAX_CONDITIONS, sizeof *b.plan->conditions);
-        b.plan->leds = calloc(MAX_LEDS, sizeof *b.plan->leds);
+        b.plan->conditions = calloc(LS_PLAN_MAX_CONDITIONS, sizeof *b.plan->conditions);
+        b.plan->leds = calloc(LS_PLAN_MAX_LEDS, sizeof *b.plan->leds);
     }
     if (!b.plan || !b.plan->conditions || !b.plan->leds) {
         ls_plan_destroy(b.plan);
@@ -370,7 +188,7 @@ double ls_plan_factor(const struct ls_plan_condition *condition, const struct ls
     int channel = ls_calibration_channel(calibration, config->channels[condition->channel].name);
     return channel < 0 ? 0
                        : ls_calibration_factor(calibration, (uint32_t)channel, condition->pattern,
-                                               condition->level / 65535.0);
+                                               (double)condition->level / LS_PLAN_FULL_LEVEL);
 }
 
 void ls_plan_destroy(struct ls_plan *plan)

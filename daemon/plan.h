@@ -28,15 +28,24 @@ enum ls_subject { LS_SUBJECT_STILL, LS_SUBJECT_LIVE };
  * A condition of the plan: what the LEDs do, and what it is called on disk.
  *
  * Pictures of several lights belong to a *pattern*, the name their calibrated factor is kept under
- * (core/calibration.h), and are part `part` of its `parts`.
+ * (core/calibration.h), and are part `part` of its `parts`:
+ *   "sphere"         all lights
+ *   "lights-12"      12 lights that the plan names
+ *   "segments-14"    14 groups of neighbours; part is the group
+ *   "headlight"      the three lights nearest the first camera, or three named; "headlight-5": five
+ *   "multiplex"      a row of the S-matrix of core/bases.h, part the row, light i column i
+ *   "harmonic-07"    (1 + f) / 2 of harmonic 7, part its number, parts how many there are; or in
+ *                    pairs "harmonic-07p", "harmonic-07n": max(f, 0), max(-f, 0); f = Y / peak over
+ *                    the lights (core/bases.h)
+ *   "gradient-x"     (1 + omega.x) / 2; y, z; "gradient-full": all lights at that level
+ * Lights whose level rounds to 0 are left out.
  */
 struct ls_plan_condition {
     char id[32];                /* "dark-0", "W-0137", "sphere-R", "watch-0"; the file's stem */
     struct ls_condition lights; /* leds point into the plan */
-    char pattern[16];           /* "sphere", "lights-12" (12 lights that the plan names); "" of
-                                   darks and single lights, which need no factor */
+    char pattern[24];           /* of the list below; "" of darks and single lights */
     uint16_t part, parts;       /* 0 and 1 of a pattern that is one picture */
-    uint16_t level;             /* of the brightest LED; level / 65535 is the nominal duty */
+    uint16_t level;             /* of weight 1; level / 65535 is the nominal duty */
     bool dark;                  /* a dark of exposure `exposure`, mean of `repeats` frames */
     bool watch;                 /* a dark that only watches for drift: nothing is merged with it */
     uint8_t exposure;           /* dark only */

@@ -1,0 +1,349 @@
+#include "daemon/plan_conditions.h"
+
+#include "daemon/plan_patterns.h"
+
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+enum {
+    FULL = LS_PLAN_FULL_LEVEL,
+    SPHERE_LEVEL = FULL / 90, /* a full sphere is about 90 times one front light */
+    BASIS_LEVEL = FULL / 9,   /* finer steps than a sphere's: its weights are what is decoded */
+    HEADLIGHTS = 3,
+    MAX_DEGREE = 9,
+};
+
+static const char *const kind_words[] = {"each",      "sphere",    "segment",   "segments", "headlight",
+                                         "multiplex", "harmonics", "gradients", NULL};
+enum kind {
+    KIND_EACH,
+    KIND_SPHERE,
+    KIND_SEGMENT,
+    KIND_SEGMENTS,
+    KIND_HEADLIGHT,
+    KIND_MULTIPLEX,
+    KIND_HARMONICS,
+    KIND_GRADIENTS,
+};
+
+/* What an entry says beside channels, lights and level. */
+struct options {
+    enum kind kind;
+    uint32_t count, degree;
+    bool pairs;
+};
+
+static struct ls_led *add_leds(struct ls_conf *c, struct ls_plan_builder *b, uint32_t n)
+{
+    if (n > LS_PLAN_MAX_LEDS - b->n_leds) {
+        ls_conf_error(c, "kind", "the plan names more than %d LEDs", LS_PLAN_MAX_LEDS);
+        return NULL;
+    }
+    struct ls_led *leds = b->plan->leds + b->n_leds;
+    b->n_leds += n;
+    return leds;
+}
+
+struct ls_plan_condition *ls_plan_add_condition(struct ls_conf *c, struct ls_plan_builder *b)
+{
+    if (b->plan->n_conditions == LS_PLAN_MAX_CONDITIONS) {
+        ls_conf_error(c, "kind", "the plan has more than %d conditions", LS_PLAN_MAX_CONDITIONS);
+        return NULL;
+    }
+    struct ls_plan_condition *out = &b->plan->conditions[b->plan->n_conditions++];
+    *out = (struct ls_plan_condition){.light = -1, .channel = -1, .repeats = 1};
+    return out;
+}
+
+/* A condition of @n LEDs of the entry's channel, still without addresses and levels. */
+static struct ls_plan_condition *add_lit(struct ls_conf *c, const struct ls_plan_entry *e,
+                                         enum ls_condition_kind kind, uint32_t n,
+                                         struct ls_led **leds)
+{
+    *leds = add_leds(c, e->builder, n);
+    struct ls_plan_condition *cond = *leds ? ls_plan_add_condition(c, e->builder) : NULL;
+    if (!cond)
+        return NULL;
+    for (uint32_t i = 0; i < n; i++)
+        (*leds)[i] = (struct ls_led){.channel = e->channel, .level = e->level};
+    cond->lights = (struct ls_condition){kind, n, *leds};
+    cond->channel = e->channel;
+    cond->level = e->level;
+    cond->parts = 1;
+    return cond;
+}
+
+/* The controller's address of a row of the rig file. */
+static uint16_t address(const struct ls_plan_entry *e, uint32_t i)
+{
+    return (uint16_t)e->builder->config->lights[e->lights[i]].address;
+}
+
+static uint16_t level_of(const struct ls_plan_entry *e, double weight)
+{
+    return (uint16_t)lrint(e->level * weight);
+}
+
+struct ls_plan_condition *ls_plan_add_pattern(struct ls_conf *c, const struct ls_plan_entry *e,
+                                              const double *weights)
+{
+    uint32_t lit = 0, whole = 0;
+    for (uint32_t i = 0; i < e->n_lights; i++) {
+        lit += level_of(e, weights[i]) > 0;
+        whole += level_of(e, weights[i]) == e->level;
+    }
+    if (!lit) {
+        ls_conf_error(c, "level", "%u: no light would be lit", e->level);
+        return NULL;
+    }
+    struct ls_led *leds;
+    struct ls_plan_condition *cond =
+        add_lit(c, e, lit == whole ? LS_CONDITION_SEGMENT : LS_CONDITION_LIST, lit, &leds);
+    for (uint32_t i = 0, k = 0; cond && i < e->n_lights; i++) {
+        uint16_t level = level_of(e, weights[i]);
+        if (level)
+            leds[k++] = (struct ls_led){address(e, i), e->channel, level};
+    }
+    return cond;
+}
+
+static const char *name_of(const struct ls_plan_entry *e)
+{
+    return e->builder->config->channels[e->channel].name;
+}
+
+static void add_each(struct ls_conf *c, const struct ls_plan_entry *e)
+{
+    for (uint32_t i = 0; i < e->n_lights && !c->err; i++) {
+        struct ls_led *led;
+        struct ls_plan_condition *cond = add_lit(c, e, LS_CONDITION_ONE, 1, &led);
+        if (!cond)
+            return;
+        led->light = address(e, i);
+        cond->light = e->lights[i];
+        cond->parts = 0;
+        snprintf(cond->id, sizeof cond->id, "%s-%04u", name_of(e), e->lights[i]);
+    }
+}
+
+static void add_sphere(struct ls_conf *c, const struct ls_plan_entry *e)
+{
+    struct ls_led *led;
+    struct ls_plan_condition *cond = add_lit(c, e, LS_CONDITION_SPHERE, 1, &led);
+    if (!cond)
+        return;
+    snprintf(cond->id, sizeof cond->id, "sphere-%s", name_of(e));
+    snprintf(cond->pattern, sizeof cond->pattern, "sphere");
+}
+
+static void add_named(struct ls_conf *c, const struct ls_plan_entry *e)
+{
+    struct ls_led *leds;
+    struct ls_plan_condition *cond = add_lit(c, e, LS_CONDITION_SEGMENT, e->n_lights, &leds);
+    if (!cond)
+        return;
+    for (uint32_t i = 0; i < e->n_lights; i++)
+        leds[i].light = address(e, i);
+    snprintf(cond->id, sizeof cond->id, "segment%u-%s", e->builder->named, name_of(e));
+    snprintf(cond->pattern, sizeof cond->pattern, "lights-%u", e->n_lights);
+}
+
+static void add(struct ls_conf *c, const struct ls_plan_entry *e, const struct options *o)
+{
+    switch (o->kind) {
+    case KIND_EACH:
+        add_each(c, e);
+        break;
+    case KIND_SPHERE:
+        add_sphere(c, e);
+        break;
+    case KIND_SEGMENT:
+        add_named(c, e);
+        break;
+    case KIND_SEGMENTS:
+        ls_plan_add_segments(c, e, o->count);
+        break;
+    case KIND_HEADLIGHT:
+        ls_plan_add_headlight(c, e);
+        break;
+    case KIND_MULTIPLEX:
+        ls_plan_add_multiplex(c, e);
+        break;
+    case KIND_HARMONICS:
+        ls_plan_add_harmonics(c, e, o->degree, o->pairs);
+        break;
+    case KIND_GRADIENTS:
+        ls_plan_add_gradients(c, e);
+        break;
+    }
+}
+
+/* ---- reading ---- */
+
+static uint32_t usual_lights(const struct ls_config *config, enum kind kind, uint16_t *lights)
+{
+    uint32_t n = config->n_lights;
+    if (kind == KIND_HEADLIGHT) {
+        n = n < HEADLIGHTS ? n : HEADLIGHTS;
+        ls_plan_lights_near_camera(config, lights, n);
+        return n;
+    }
+    for (uint32_t i = 0; i < n; i++)
+        lights[i] = (uint16_t)i;
+    return n;
+}
+
+static bool is_repeated(const uint16_t *lights, int n)
+{
+    for (int i = 0; i < n; i++)
+        if (lights[i] == lights[n])
+            return true;
+    return false;
+}
+
+/* lights = [0, 5, 7] of the kinds that leave the choice, else every light. Returns how many; the
+ * array is the caller's. */
+static uint32_t read_lights(struct ls_conf *c, const struct ls_config *config, enum kind kind,
+                            uint16_t *lights)
+{
+    bool chosen = kind == KIND_EACH || kind == KIND_SEGMENT || kind == KIND_HEADLIGHT;
+    const config_setting_t *list =
+        chosen ? ls_conf_child(c, "lights", CONFIG_TYPE_ARRAY, kind == KIND_SEGMENT) : NULL;
+    if (!list)
+        return usual_lights(config, kind, lights);
+    int n = config_setting_length(list);
+    if (n < 1 || n > (int)config->n_lights) {
+        ls_conf_error(c, "lights", "%d lights: expected 1 to %u", n, config->n_lights);
+        return 0;
+    }
+    for (int i = 0; i < n; i++) {
+        int v = config_setting_get_int_elem(list, i);
+        if (v < 0 || v >= (int)config->n_lights) {
+            ls_conf_error(c, "lights", "light %d: expected 0 to %u (rows of the rig file)", v,
+                          config->n_lights - 1);
+            return 0;
+        }
+        lights[i] = (uint16_t)v;
+        if (is_repeated(lights, i)) {
+            ls_conf_error(c, "lights", "light %d stands twice", v);
+            return 0;
+        }
+    }
+    return (uint32_t)n;
+}
+
+static uint32_t read_channels(struct ls_conf *c, const struct ls_config *config,
+                              uint16_t channels[LS_MAX_CHANNELS])
+{
+    const config_setting_t *list = ls_conf_child(c, "channels", CONFIG_TYPE_ARRAY, true);
+    int n = list ? config_setting_length(list) : 0;
+    if (list && (n < 1 || n > LS_MAX_CHANNELS))
+        ls_conf_error(c, "channels", "%d channels: expected 1 to %d", n, LS_MAX_CHANNELS);
+    for (int i = 0; i < n && !c->err; i++) {
+        const char *name = config_setting_get_string_elem(list, i);
+        int channel = name ? ls_config_channel(config, name) : -1;
+        if (channel < 0)
+            ls_conf_error(c, "channels", "\"%s\": the rig has no such channel", name ? name : "?");
+        else
+            channels[i] = (uint16_t)channel;
+    }
+    return c->err ? 0 : (uint32_t)n;
+}
+
+/* The brightest level that shows a white sample about as bright as one front light does; the bases
+ * are brighter. */
+static int64_t usual_level(const struct options *o, uint32_t n_lights)
+{
+    switch (o->kind) {
+    case KIND_SPHERE:
+        return SPHERE_LEVEL;
+    case KIND_SEGMENTS: /* its lights stand together: all may face the same way */
+        return o->count ? FULL / ((n_lights + o->count - 1) / o->count) : FULL;
+    case KIND_HEADLIGHT:
+        return n_lights ? FULL / n_lights : FULL;
+    case KIND_MULTIPLEX:
+        return SPHERE_LEVEL * 2;
+    case KIND_HARMONICS:
+    case KIND_GRADIENTS:
+        return BASIS_LEVEL;
+    default:
+        return FULL;
+    }
+}
+
+static struct options read_options(struct ls_conf *c, uint32_t n_lights)
+{
+    static const char *const forms[] = {"pairs", "biased", NULL};
+    struct options o = {.kind = (enum kind)ls_conf_word(c, "kind", kind_words, -1)};
+    if (o.kind == KIND_SEGMENTS) {
+        o.count = (uint32_t)ls_conf_int(c, "count", 0, 0, n_lights);
+        if (!o.count)
+            ls_conf_error(c, "count", "expected 1 to %u segments", n_lights);
+    }
+    if (o.kind == KIND_HARMONICS) {
+        o.degree = (uint32_t)ls_conf_int(c, "degree", 2, 0, MAX_DEGREE);
+        o.pairs = ls_conf_word(c, "form", forms, 0) == 0;
+    }
+    return o;
+}
+
+static void read_condition(struct ls_conf *list, const config_setting_t *group,
+                           struct ls_plan_builder *b, uint16_t *lights)
+{
+    struct ls_conf c;
+    ls_conf_begin(&c, group, list->file, list->diag);
+    struct options options = read_options(&c, b->config->n_lights);
+    uint16_t channels[LS_MAX_CHANNELS];
+    uint32_t n_channels = read_channels(&c, b->config, channels);
+    struct ls_plan_entry entry = {.builder = b, .lights = lights};
+    entry.n_lights = read_lights(&c, b->config, options.kind, lights);
+    entry.level = (uint16_t)ls_conf_int(&c, "level", usual_level(&options, entry.n_lights), 1, FULL);
+    if (options.kind == KIND_EACH && entry.level != FULL)
+        ls_conf_error(&c, "level", "%u: single lights are photographed at %d: R = k E holds for "
+                                   "what k was measured at", entry.level, FULL);
+    for (uint32_t k = 0; k < n_channels && !c.err; k++) {
+        entry.channel = channels[k];
+        add(&c, &entry, &options);
+    }
+    b->named += options.kind == KIND_SEGMENT;
+    list->err = list->err ? list->err : ls_conf_finish(&c);
+}
+
+static int by_id(const void *a, const void *b)
+{
+    const struct ls_plan_condition *const *x = a, *const *y = b;
+    return strcmp((*x)->id, (*y)->id);
+}
+
+static void refuse_repeats(struct ls_conf *c, const struct ls_plan *plan)
+{
+    LS_CLEANUP_FREE const struct ls_plan_condition **sorted =
+        calloc(plan->n_conditions + 1, sizeof *sorted);
+    if (!sorted) {
+        c->err = LS_ERR_NOMEM;
+        return;
+    }
+    for (uint32_t i = 0; i < plan->n_conditions; i++)
+        sorted[i] = &plan->conditions[i];
+    qsort(sorted, plan->n_conditions, sizeof *sorted, by_id);
+    for (uint32_t i = 1; i < plan->n_conditions && !c->err; i++)
+        if (!strcmp(sorted[i - 1]->id, sorted[i]->id))
+            ls_conf_error(c, "conditions", "%s is asked for twice", sorted[i]->id);
+}
+
+void ls_plan_read_conditions(struct ls_conf *c, struct ls_plan_builder *b)
+{
+    const config_setting_t *list = ls_conf_child(c, "conditions", CONFIG_TYPE_LIST, true);
+    LS_CLEANUP_FREE uint16_t *lights = calloc(b->config->n_lights, sizeof *lights);
+    if (!lights)
+        c->err = LS_ERR_NOMEM;
+    int n = list ? config_setting_length(list) : 0;
+    if (list && !n)
+        ls_conf_error(c, "conditions", "empty: nothing to photograph");
+    for (int i = 0; i < n && !c->err; i++)
+        read_condition(c, config_setting_get_elem(list, (unsigned)i), b, lights);
+    if (!c->err)
+        refuse_repeats(c, b->plan);
+}
