@@ -1,23 +1,29 @@
 #include "core/relight.h"
 
+#include "core/accumulate_kernels.h"
+
 #include <math.h>
 #include <stdbool.h>
 #include <stdlib.h>
 #include <string.h>
 
-enum { GROUP = LS_ACCUMULATE_GROUP };
-
-static const uint16_t zero_row[LS_TILE_SIDE];
+enum { GROUP = LS_ACCUMULATE_GROUP, PANEL = LS_ACCUMULATE_PANEL, ACC_BYTES = 128 * 1024 };
 
 /** One call of ls_accumulate. */
 struct pass {
-    const struct ls_accumulate_kernel *kernel;
+    const struct ls_accumulate_kernels *kernels;
     const struct ls_field *field;
     const struct ls_accumulate_job *job;
     const struct ls_tile_region *region;
     size_t width, height; /* of the region, px */
     float *sums;
-    float *rows; /* [LS_TILE_SIDE][n_sums][LS_TILE_SIDE], the sums of one tile, close together */
+    float *weights; /* [n_pictures][n_sums] */
+    uint32_t chunk; /* pixels summed at a time, so that their sums stay in the second cache */
+    float *acc;     /* [n_sums][chunk] */
+    uint32_t *used; /* [n_used], pictures with a weight */
+    uint32_t n_used;
+    const void **halfs; /* [n_pictures], of the tile at hand */
+    const float **w;    /* [n_pictures], of the same pictures */
     struct ls_accumulate_report *report;
     /* for max_error: pictures by rising bound, what is left out of each sum, who is left out */
     struct bound {
@@ -39,42 +45,31 @@ static float weight(const struct ls_accumulate_job *job, uint32_t q, uint32_t pi
     return job->weights[(size_t)q * job->n_pictures + picture];
 }
 
-static bool weightless(const struct ls_accumulate_job *job, uint32_t picture)
+static void hand_over(const struct pass *pass, const struct tile *tile, uint32_t first,
+                      uint32_t count)
 {
-    for (uint32_t q = 0; q < job->n_sums; q++)
-        if (weight(job, q, picture) != 0)
-            return false;
-    return true;
-}
-
-static void run_group(const struct pass *pass, const struct tile *tile, const uint32_t *pictures,
-                      uint32_t n)
-{
-    float w[LS_ACCUMULATE_MAX_SUMS][GROUP];
-    const void *rows[GROUP];
-    uint32_t n_sums = pass->job->n_sums;
-    for (uint32_t q = 0; q < n_sums; q++)
-        for (uint32_t i = 0; i < GROUP; i++)
-            w[q][i] = i < n ? weight(pass->job, q, pictures[i]) : 0;
-    for (uint32_t y = 0; y < tile->height; y++) {
-        for (uint32_t i = 0; i < GROUP; i++)
-            rows[i] = i < n ? (const char *)pass->job->pictures[pictures[i]].tiles[tile->index] +
-                                  2 * (size_t)y * tile->width
-                            : (const void *)zero_row;
-        float *acc = pass->rows + (size_t)y * n_sums * LS_TILE_SIDE;
-        pass->report->not_finite += pass->kernel->rows(rows, (const float(*)[GROUP])w, n_sums,
-                                                       tile->width, acc, LS_TILE_SIDE);
+    for (uint32_t at = first; at < first + count;) {
+        uint32_t x = at % tile->width, y = at / tile->width;
+        uint32_t left = first + count - at, n = tile->width - x < left ? tile->width - x : left;
+        for (uint32_t q = 0; q < pass->job->n_sums; q++)
+            memcpy(pass->sums + (q * pass->height + tile->y + y) * pass->width + tile->x + x,
+                   pass->acc + (size_t)q * pass->chunk + (at - first), sizeof *pass->acc * n);
+        at += n;
     }
 }
 
-static void hand_over(const struct pass *pass, const struct tile *tile)
+/* Pixels [first, first + count) of the tile, over the @n pictures listed in the pass. */
+static void run_chunk(const struct pass *pass, uint32_t n, uint32_t first, uint32_t count)
 {
-    uint32_t n_sums = pass->job->n_sums;
-    for (uint32_t q = 0; q < n_sums; q++)
-        for (uint32_t y = 0; y < tile->height; y++)
-            memcpy(pass->sums + (q * pass->height + tile->y + y) * pass->width + tile->x,
-                   pass->rows + ((size_t)y * n_sums + q) * LS_TILE_SIDE,
-                   sizeof *pass->sums * tile->width);
+    const void *halfs[GROUP];
+    memset(pass->acc, 0, sizeof *pass->acc * pass->job->n_sums * pass->chunk);
+    for (uint32_t i = 0; i < n; i += GROUP) {
+        uint32_t some = n - i < GROUP ? n - i : GROUP;
+        for (uint32_t k = 0; k < some; k++)
+            halfs[k] = (const char *)pass->halfs[i + k] + 2 * (size_t)first;
+        pass->report->not_finite += pass->kernels->add(halfs, pass->w + i, some, count,
+                                                       pass->job->n_sums, pass->acc, pass->chunk);
+    }
 }
 
 static int by_bound(const void *a, const void *b)
@@ -117,33 +112,37 @@ static void choose_skips(struct pass *pass, const struct tile *tile)
     qsort(pass->order, job->n_pictures, sizeof *pass->order, by_bound);
     for (uint32_t i = 0; i < job->n_pictures; i++) {
         uint32_t picture = pass->order[i].picture;
-        pass->skip[picture] = !weightless(job, picture) && try_leave_out(pass, tile, picture);
+        pass->skip[picture] = try_leave_out(pass, tile, picture);
     }
+}
+
+/* Which pictures count in this tile; how many. */
+static uint32_t list_pictures(struct pass *pass, const struct tile *tile)
+{
+    uint32_t n = 0;
+    if (pass->skip)
+        choose_skips(pass, tile);
+    for (uint32_t u = 0; u < pass->n_used; u++) {
+        uint32_t i = pass->used[u];
+        const void *halfs = pass->job->pictures[i].tiles[tile->index];
+        if (!halfs || (pass->skip && pass->skip[i]))
+            continue;
+        pass->halfs[n] = halfs;
+        pass->w[n++] = pass->weights + (size_t)i * pass->job->n_sums;
+    }
+    pass->report->tiles_read += n;
+    pass->report->tiles_skipped += pass->job->n_pictures - n;
+    return n;
 }
 
 static void run_tile(struct pass *pass, const struct tile *tile)
 {
-    const struct ls_accumulate_job *job = pass->job;
-    uint32_t group[GROUP], n = 0;
-    if (pass->skip)
-        choose_skips(pass, tile);
-    memset(pass->rows, 0, sizeof *pass->rows * tile->height * job->n_sums * LS_TILE_SIDE);
-    for (uint32_t i = 0; i < job->n_pictures; i++) {
-        if (weightless(job, i) || !job->pictures[i].tiles[tile->index] ||
-            (pass->skip && pass->skip[i])) {
-            pass->report->tiles_skipped++;
-            continue;
-        }
-        pass->report->tiles_read++;
-        group[n++] = i;
-        if (n == GROUP) {
-            run_group(pass, tile, group, n);
-            n = 0;
-        }
+    uint32_t n = list_pictures(pass, tile), pixels = tile->width * tile->height;
+    for (uint32_t first = 0; first < pixels; first += pass->chunk) {
+        uint32_t count = pixels - first < pass->chunk ? pixels - first : pass->chunk;
+        run_chunk(pass, n, first, count);
+        hand_over(pass, tile, first, count);
     }
-    if (n > 0)
-        run_group(pass, tile, group, n);
-    hand_over(pass, tile);
 }
 
 static void run_tiles(struct pass *pass)
@@ -202,7 +201,30 @@ static enum ls_err run_with_skips(struct pass *pass, struct ls_diag *diag)
     return LS_OK;
 }
 
-enum ls_err ls_accumulate_with(const struct ls_accumulate_kernel *kernel,
+/* Weights by picture, and who has any. */
+static void prepare(struct pass *pass)
+{
+    const struct ls_accumulate_job *job = pass->job;
+    for (uint32_t i = 0; i < job->n_pictures; i++) {
+        bool any = false;
+        for (uint32_t q = 0; q < job->n_sums; q++) {
+            float w = weight(job, q, i);
+            pass->weights[(size_t)i * job->n_sums + q] = w;
+            any |= w != 0;
+        }
+        if (any)
+            pass->used[pass->n_used++] = i;
+    }
+}
+
+static uint32_t chunk_px(uint32_t n_sums)
+{
+    uint32_t fit = ACC_BYTES / (uint32_t)sizeof(float) / n_sums / PANEL * PANEL;
+    uint32_t tile = LS_TILE_SIDE * LS_TILE_SIDE;
+    return fit < PANEL ? PANEL : fit < tile ? fit : tile;
+}
+
+enum ls_err ls_accumulate_with(const struct ls_accumulate_kernels *kernels,
                                const struct ls_field *field, const struct ls_accumulate_job *job,
                                const struct ls_tile_region *region, float *sums,
                                struct ls_accumulate_report *report, struct ls_diag *diag)
@@ -211,20 +233,30 @@ enum ls_err ls_accumulate_with(const struct ls_accumulate_kernel *kernel,
     enum ls_err err = check(field, job, region, diag);
     if (err)
         return err;
-    struct pass pass = {.kernel = kernel,
+    struct pass pass = {.kernels = kernels,
                         .field = field,
                         .job = job,
                         .region = region,
                         .width = ls_region_width_px(field, region),
                         .height = ls_region_height_px(field, region),
                         .sums = sums,
+                        .chunk = chunk_px(job->n_sums),
                         .report = report ? report : &unused};
-    *pass.report = (struct ls_accumulate_report){0};
-    LS_CLEANUP_FREE float *rows =
-        calloc((size_t)job->n_sums * LS_TILE_SIDE * LS_TILE_SIDE, sizeof *rows);
-    if (!rows)
+    size_t n = job->n_pictures;
+    LS_CLEANUP_FREE float *weights = malloc((n * job->n_sums + 1) * sizeof *weights);
+    LS_CLEANUP_FREE float *acc = malloc((size_t)pass.chunk * job->n_sums * sizeof *acc);
+    LS_CLEANUP_FREE uint32_t *used = malloc((n + 1) * sizeof *used);
+    LS_CLEANUP_FREE const void **halfs = malloc((n + 1) * sizeof *halfs);
+    LS_CLEANUP_FREE const float **w = malloc((n + 1) * sizeof *w);
+    if (!weights || !acc || !used || !halfs || !w)
         return ls_fail(diag, LS_ERR_NOMEM, "relight: out of memory");
-    pass.rows = rows;
+    pass.weights = weights;
+    pass.acc = acc;
+    pass.used = used;
+    pass.halfs = halfs;
+    pass.w = w;
+    *pass.report = (struct ls_accumulate_report){0};
+    prepare(&pass);
     if (job->max_error > 0)
         return run_with_skips(&pass, diag);
     run_tiles(&pass);
@@ -235,5 +267,6 @@ enum ls_err ls_accumulate(const struct ls_field *field, const struct ls_accumula
                           const struct ls_tile_region *region, float *sums,
                           struct ls_accumulate_report *report, struct ls_diag *diag)
 {
-    return ls_accumulate_with(ls_accumulate_kernel(NULL), field, job, region, sums, report, diag);
+    return ls_accumulate_with(ls_accumulate_kernels(ls_cpu_isa()), field, job, region, sums, report,
+                              diag);
 }

@@ -43,37 +43,25 @@ struct ls_accumulate_report {
  * pairs of least bound (ties: lowest picture) are left out of a tile as long as what is left out
  * stays under max_error in every sum; report->bound says how much that is.
  *
- * Accuracy: |error| <= (n/8 + 9) 2^-24 sum_i |w_i e_i| + bound, n the pictures read: partial sums
- * of 8 pictures in ascending order, then the partial sums in ascending order, all in float, no
- * fused operations. The F16C + AVX path returns the same bits as the C reference, whatever the
- * region or the number of threads. A stored Inf or NaN counts as 0 and is counted in the report.
- * Allocates the sums of one tile. Errors: LS_ERR_INVALID (region, a weight that is not finite,
- * max_error without tile_max), LS_ERR_NOMEM.
+ * Accuracy: |error| <= (min(n, 32) + ceil(n/32)) 2^-24 sum_i |w_i e_i| + bound (+ 2^-150 per
+ * picture where products leave the range of normal floats), n the pictures read: partial sums of
+ * 32 pictures in ascending order, each step one fused multiply-add, then the partial sums in
+ * ascending order, all in float. Every instruction set returns the same bits, whatever the region
+ * or the number of threads. A stored Inf or NaN counts as 0 and is counted in the report.
+ * Allocates a copy of the weights and the sums of a tile. Errors: LS_ERR_INVALID (region, a weight
+ * that is not finite, max_error without tile_max), LS_ERR_NOMEM.
  */
 LS_MUST_CHECK enum ls_err ls_accumulate(const struct ls_field *field,
                                         const struct ls_accumulate_job *job,
                                         const struct ls_tile_region *region, float *sums,
                                         struct ls_accumulate_report *report, struct ls_diag *diag);
 
-enum { LS_ACCUMULATE_GROUP = 8 }; /* pictures per partial sum */
+struct ls_accumulate_kernels;
 
-/** The inner kernel: acc[q * acc_stride + j] += sum over i < 8 of w[q][i] half_i[j], for q < n_sums
- * and j < count <= 64. @halfs: 8 rows of @count halves, any alignment. Returns how many were not
- * finite. */
-struct ls_accumulate_kernel {
-    const char *name; /* "c", "f16c" */
-    unsigned (*rows)(const void *const halfs[LS_ACCUMULATE_GROUP],
-                     const float (*w)[LS_ACCUMULATE_GROUP], uint32_t n_sums, uint32_t count,
-                     float *acc, size_t acc_stride);
-};
-
-/** The fastest kernel of this CPU whose name is not masked; @mask NULL, or a name to leave out
- * (tests). (transfer none). */
-const struct ls_accumulate_kernel *ls_accumulate_kernel(const char *mask);
-
-/** ls_accumulate with a given kernel (tests, benchmarks). */
+/** ls_accumulate with the kernels of a given instruction set, see accumulate_kernels.h (tests,
+ * benches). */
 LS_MUST_CHECK enum ls_err
-ls_accumulate_with(const struct ls_accumulate_kernel *kernel, const struct ls_field *field,
+ls_accumulate_with(const struct ls_accumulate_kernels *kernels, const struct ls_field *field,
                    const struct ls_accumulate_job *job, const struct ls_tile_region *region,
                    float *sums, struct ls_accumulate_report *report, struct ls_diag *diag);
 

@@ -1,0 +1,30 @@
+#include <immintrin.h>
+#include <stdint.h>
+
+enum { LANES = 16, WIDE = 8, MIDDLE = 8, NARROW = 4 };
+
+typedef __m512 vec;
+#define vec_zero _mm512_setzero_ps
+#define vec_load _mm512_loadu_ps
+#define vec_store _mm512_storeu_ps
+#define vec_set1 _mm512_set1_ps
+#define vec_add _mm512_add_ps
+#define vec_fma _mm512_fmadd_ps
+
+/* x - x is 0, or NaN where x is not finite; NaN stays NaN in the sum */
+static inline int vec_not_finite(const vec *x, uint32_t n)
+{
+    vec sum = _mm512_setzero_ps();
+    for (uint32_t v = 0; v < n; v++)
+        sum = _mm512_add_ps(sum, _mm512_sub_ps(x[v], x[v]));
+    return _mm512_cmp_ps_mask(sum, sum, _CMP_UNORD_Q);
+}
+
+static inline void widen8(const char *half, float *e)
+{
+    _mm256_storeu_ps(e, _mm256_cvtph_ps(_mm_loadu_si128((const __m128i *)half)));
+}
+
+#include "core/accumulate_vector.inc"
+
+const struct ls_accumulate_kernels ls_accumulate_kernels_avx512 = {add};
