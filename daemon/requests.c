@@ -1,5 +1,6 @@
 #include "daemon/requests.h"
 
+#include "daemon/condition_job.h"
 #include "daemon/fetch_job.h"
 #include "daemon/relight_job.h"
 #include "daemon/take_jobs.h"
@@ -352,8 +353,12 @@ static void handle_fetch(const struct call *call)
 {
     struct ls_job *job = NULL;
     struct ls_diag diag = {0};
-    enum ls_err err = ls_fetch_job_create(call->id, ls_session_service(call->session)->fields,
-                                          (const Lightstage__Fetch *)call->message, &job, &diag);
+    const Lightstage__Fetch *fetch = (const Lightstage__Fetch *)call->message;
+    const struct ls_service *service = ls_session_service(call->session);
+    enum ls_err err =
+        fetch->n_conditions
+            ? ls_condition_job_create(call->id, service->config.storage, fetch, &job, &diag)
+            : ls_fetch_job_create(call->id, service->fields, fetch, &job, &diag);
     if (err)
         fail(call, err, LS_PROTO_ABOUT_REQUEST, &diag);
     else
