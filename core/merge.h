@@ -15,7 +15,7 @@
  *   2. pooled again with w' from step 1, which is the optimum to second order;
  *   3. an exposure is *high* when it clipped or D + E t > range_high full_scale, *low* when
  *      D + E t < range_low full_scale, else in range;
- *   4. E over the in-range exposures, with w' from step 2.
+ *   4. E over the in-range exposures, with w' from the estimate of step 2.
  * Why the choice in step 3 adds no bias: the pooled estimate is efficient, so every unbiased
  * estimate T from a subset of its samples has Cov(T, pooled) = Var(pooled), hence
  * E[T | pooled] = pooled: whichever subset the pooled value selects, the mean stays. A choice by
@@ -32,11 +32,12 @@
  * validity is the worst of those used (saturated, gap, dark, ok).
  *
  * Accuracy: within 4e-6 of the exact weighted mean, relative to sum w'|y| / sum w't (float
- * arithmetic in a fixed order; an exposure whose expected value lies within 1e-5 of a range edge
- * may fall either way). Bias over noise <= 0.1 % of E for noise >= 0.45 DN (below that the
- * quantiser itself is biased) and sigma <= 3 % at range_high (so that clipping stays far from it).
- * Example: t = 1, 4, 16 ms, 8 bits, D = 8: y = 5, 20, 80 -> expected raw 13, 28, 88; only 28 and 88
- * lie in [25.5, 216.75]; E = about 5000 DN/s / 255 = 19.6 full scale / s.
+ * arithmetic in a fixed order, the same bits from every instruction set; an exposure whose expected
+ * value lies within 1e-5 of a range edge may fall either way). Darks must be finite. Bias over
+ * noise <= 0.1 % of E for noise >= 0.45 DN (below that the quantiser itself is biased) and sigma <=
+ * 3 % at range_high (so that clipping stays far from it). Example: t = 1, 4, 16 ms, 8 bits, D = 8:
+ * y = 5, 20, 80 -> expected raw 13, 28, 88; only 28 and 88 lie in [25.5, 216.75]; E = about 5000
+ * DN/s / 255 = 19.6 full scale / s.
  */
 #ifndef LS_CORE_MERGE_H
 #define LS_CORE_MERGE_H
@@ -74,6 +75,7 @@ struct ls_merge_params {
     double electrons_per_dn, read_noise_dn;    /* noise model; > 0, >= 0 */
     const uint32_t *defects;                   /* ascending y width + x (transfer none), or NULL */
     uint32_t n_defects;
+    double reference_exposure_s; /* of the stored halves; 0 where none are asked for */
 };
 
 /** Counts of pixels; add those of several bands. */
@@ -87,9 +89,10 @@ struct ls_merge_stats {
 struct ls_merge_spans {
     const void *raw[LS_MERGE_MAX_EXPOSURES];   /* as on the wire, in the order of exposure_s */
     const float *dark[LS_MERGE_MAX_EXPOSURES]; /* mean dark, DN; NULL = 0 everywhere */
-    float *e;                                  /* full scale / s */
+    float *e;                                  /* full scale / s, or NULL */
     uint8_t *validity;                         /* enum ls_validity */
     float *variance;                           /* (full scale / s)^2, or NULL */
+    uint16_t *half;                            /* as ls_merge_store_half makes of e, or NULL */
 };
 
 /** Check parameters once, before merging many images. LS_ERR_INVALID with a sentence. */
@@ -100,7 +103,7 @@ LS_MUST_CHECK enum ls_err ls_merge_check(const struct ls_merge_params *params,
  * Merge rows [@first_row, @first_row + @n_rows) of an image. @params must have passed
  * ls_merge_check. Inputs are read in the band and, next to defective pixels, up to
  * 2 LS_MERGE_DEFECT_RINGS rows beyond it. Outputs are written in the band only; they overlap
- * nothing. @stats is added to (NULL is allowed). Uses about 16 KiB of stack. RT-safe.
+ * nothing. @stats is added to (NULL is allowed). Uses about 20 KiB of stack. RT-safe.
  */
 void ls_merge_rows(const struct ls_merge_params *params, const struct ls_merge_spans *spans,
                    uint32_t first_row, uint32_t n_rows, struct ls_merge_stats *stats);

@@ -2,6 +2,7 @@
 
 #include "core/half.h"
 
+#include <float.h>
 #include <math.h>
 #include <string.h>
 
@@ -46,6 +47,10 @@ static enum ls_err check_numbers(const struct ls_merge_params *p, struct ls_diag
                        "merge: %g electrons per DN: expected 1e-6 to 1e9, from the camera's data "
                        "sheet or a photon transfer curve",
                        p->electrons_per_dn);
+    if (!(p->reference_exposure_s >= 0 && p->reference_exposure_s <= (double)FLT_MAX))
+        return ls_fail(diag, LS_ERR_INVALID,
+                       "merge: reference exposure of %g s: expected a positive time",
+                       p->reference_exposure_s);
     if (!(p->read_noise_dn >= 0 && p->read_noise_dn <= max))
         return ls_fail(diag, LS_ERR_INVALID, "merge: read noise of %g DN: expected 0 to %g",
                        p->read_noise_dn, max);

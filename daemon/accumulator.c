@@ -5,8 +5,7 @@
 
 size_t ls_accumulator_bytes(size_t payload_bytes, size_t n_px, uint32_t n_exposures)
 {
-    return payload_bytes * n_exposures +
-           n_px * (sizeof(float) + sizeof(uint8_t) + sizeof(uint16_t));
+    return payload_bytes * n_exposures + n_px * (sizeof(uint8_t) + sizeof(uint16_t));
 }
 
 /* Written once, so that no page fault falls into the take. */
@@ -26,10 +25,9 @@ static enum ls_err fill_in(struct ls_accumulator *a, uint32_t n_exposures, size_
         if (!a->raw[i])
             return LS_ERR_NOMEM;
     }
-    a->e = touched(n_px * sizeof *a->e);
     a->validity = touched(n_px);
     a->half = touched(n_px * sizeof *a->half);
-    return a->e && a->validity && a->half ? LS_OK : LS_ERR_NOMEM;
+    return a->validity && a->half ? LS_OK : LS_ERR_NOMEM;
 }
 
 enum ls_err ls_accumulators_init(struct ls_accumulators *pool, uint32_t n, uint32_t n_exposures,
@@ -54,7 +52,6 @@ void ls_accumulators_finish(struct ls_accumulators *pool)
         struct ls_accumulator *a = &pool->items[i];
         for (uint32_t k = 0; k < LS_MAX_EXPOSURES; k++)
             free(a->raw[k]);
-        free(a->e);
         free(a->validity);
         free(a->half);
     }

@@ -27,7 +27,6 @@ struct ls_accumulator {
     uint32_t copying, filled;
     unsigned char *raw[LS_MAX_EXPOSURES];
     double exposure_s[LS_MAX_EXPOSURES];
-    float *e;
     uint8_t *validity;
     uint16_t *half;
     struct ls_merge_params params;

@@ -265,19 +265,21 @@ static void describe_merge(struct ls_merge_stage *stage, struct ls_accumulator *
     struct ls_merge_camera *camera = &stage->cameras[a->camera];
     const struct ls_plan *plan = stage->config.setup->plan;
     const struct ls_plan_condition *condition = &plan->conditions[a->condition];
-    a->params = (struct ls_merge_params){.format = camera->format,
-                                         .width = camera->width,
-                                         .height = camera->height,
-                                         .n_exposures = condition->n_steps,
-                                         .range_low = c->range_low,
-                                         .range_high = c->range_high,
-                                         .full_scale_dn = c->full_scale_dn,
-                                         .clip_dn = c->full_scale_dn,
-                                         .electrons_per_dn = c->electrons_per_dn,
-                                         .read_noise_dn = c->read_noise_dn,
-                                         .defects = camera->darks.defects.index,
-                                         .n_defects = camera->darks.defects.n};
-    a->spans = (struct ls_merge_spans){.e = a->e, .validity = a->validity};
+    a->params =
+        (struct ls_merge_params){.format = camera->format,
+                                 .width = camera->width,
+                                 .height = camera->height,
+                                 .n_exposures = condition->n_steps,
+                                 .range_low = c->range_low,
+                                 .range_high = c->range_high,
+                                 .full_scale_dn = c->full_scale_dn,
+                                 .clip_dn = c->full_scale_dn,
+                                 .electrons_per_dn = c->electrons_per_dn,
+                                 .read_noise_dn = c->read_noise_dn,
+                                 .defects = camera->darks.defects.index,
+                                 .n_defects = camera->darks.defects.n,
+                                 .reference_exposure_s = stage->config.setup->reference_exposure_s};
+    a->spans = (struct ls_merge_spans){.half = a->half, .validity = a->validity};
     for (uint32_t i = 0; i < condition->n_steps; i++) {
         uint32_t exposure = plan->steps[condition->first_step + i].exposure;
         a->params.exposure_s[i] = a->exposure_s[i];
@@ -353,13 +355,10 @@ static enum ls_err merge_band(struct ls_merge_stage *stage, const struct ls_merg
                               struct ls_diag *diag)
 {
     struct ls_accumulator *a = job->accumulator;
-    uint32_t height = a->params.height, width = a->params.width;
+    uint32_t height = a->params.height;
     uint32_t first = (uint32_t)((uint64_t)height * job->band / a->n_bands);
     uint32_t end = (uint32_t)((uint64_t)height * (job->band + 1) / a->n_bands);
-    size_t at = (size_t)first * width, n = (size_t)(end - first) * width;
     ls_merge_rows(&a->params, &a->spans, first, end - first, NULL);
-    ls_merge_store_half(a->e + at, n, stage->config.setup->reference_exposure_s, a->half + at,
-                        a->validity + at);
     pthread_mutex_lock(&stage->lock);
     bool last = ++a->bands_done == a->n_bands;
     pthread_mutex_unlock(&stage->lock);

@@ -5,7 +5,7 @@
 #ifndef LS_TESTS_CORE_MERGE_CASES_H
 #define LS_TESTS_CORE_MERGE_CASES_H
 
-#include "core/merge.h"
+#include "core/merge_kernels.h"
 
 #include "tests/core/noise.h"
 
@@ -34,6 +34,7 @@ static inline struct ls_merge_params params_for(const char *format, uint32_t wid
 /* Buffers of an image, samples as uint16 beside the packed payload. */
 struct image {
     struct ls_merge_params p;
+    enum ls_isa isa; /* the processor's best, unless a test says otherwise */
     size_t n, bytes;
     uint16_t *dn[LS_MERGE_MAX_EXPOSURES];
     uint8_t *raw[LS_MERGE_MAX_EXPOSURES];
@@ -45,7 +46,7 @@ struct image {
 
 static inline void image_init(struct image *image, const struct ls_merge_params *p)
 {
-    *image = (struct image){.p = *p, .n = (size_t)p->width * p->height};
+    *image = (struct image){.p = *p, .isa = ls_cpu_isa(), .n = (size_t)p->width * p->height};
     image->bytes = ls_pixel_payload_bytes(p->format, p->width, p->height);
     for (uint32_t i = 0; i < p->n_exposures; i++) {
         image->dn[i] = g_new0(uint16_t, image->n);
@@ -96,7 +97,8 @@ static inline void image_merge(struct image *image)
     g_assert_cmpint(err, ==, LS_OK);
     image_pack(image);
     image->stats = (struct ls_merge_stats){0};
-    ls_merge(&image->p, &s, &image->stats);
+    ls_merge_rows_with(ls_merge_kernels(image->isa), &image->p, &s, 0, image->p.height,
+                       &image->stats);
 }
 
 /* What the header promises, written again: exposures in any order, long double, no vectors. */

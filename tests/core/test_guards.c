@@ -3,7 +3,7 @@
 #include "core/demosaic.h"
 #include "core/half.h"
 #include "core/half_kernels.h"
-#include "core/merge.h"
+#include "core/merge_kernels.h"
 
 #include "tests/core/isas.h"
 
@@ -45,8 +45,8 @@ static void *place(const struct guarded *g, int side, size_t bytes)
 
 static const uint32_t sizes[][2] = {{1, 1}, {3, 3}, {7, 5}, {8, 1}, {257, 3}, {512, 2}, {63, 31}};
 
-static void merge_at(const struct guarded g[7], int side, const struct ls_pixel_format *f,
-                     uint32_t width, uint32_t height)
+static void merge_at(const struct guarded g[8], enum ls_isa isa, int side,
+                     const struct ls_pixel_format *f, uint32_t width, uint32_t height)
 {
     size_t n = (size_t)width * height, bytes = ls_pixel_payload_bytes(f, width, height);
     uint32_t defects[] = {0, (uint32_t)n - 1};
@@ -62,32 +62,34 @@ static void merge_at(const struct guarded g[7], int side, const struct ls_pixel_
                                 .electrons_per_dn = 10,
                                 .read_noise_dn = 1,
                                 .defects = defects,
-                                .n_defects = n > 1 ? 2 : 1};
+                                .n_defects = n > 1 ? 2 : 1,
+                                .reference_exposure_s = 0.001};
     struct ls_merge_spans s = {
         .raw = {place(&g[0], side, bytes), place(&g[1], side, bytes)},
         .dark = {place(&g[2], side, n * 4), place(&g[3], side, n * 4)},
         .e = place(&g[4], side, n * 4),
         .validity = place(&g[5], side, n),
         .variance = place(&g[6], side, n * 4),
+        .half = place(&g[7], side, n * 2),
     };
     struct ls_merge_stats stats = {0};
     struct ls_diag diag = {""};
     g_assert_cmpint(ls_merge_check(&p, &diag), ==, LS_OK);
-    ls_merge(&p, &s, &stats);
+    ls_merge_rows_with(ls_merge_kernels(isa), &p, &s, 0, height, &stats);
     g_assert_cmpuint(stats.count[0] + stats.count[1] + stats.count[2] + stats.count[3], ==, n);
 }
 
-static void test_merge(void)
+static void test_merge(const void *data)
 {
-    struct guarded g[7];
+    struct guarded g[8];
 
-    for (int k = 0; k < 7; k++)
+    for (int k = 0; k < 8; k++)
         g[k] = guarded_new();
     for (size_t f = 0; ls_pixel_at(f); f++)
         for (size_t k = 0; k < G_N_ELEMENTS(sizes); k++)
             for (int side = 0; side < 2; side++)
-                merge_at(g, side, ls_pixel_at(f), sizes[k][0], sizes[k][1]);
-    for (int k = 0; k < 7; k++)
+                merge_at(g, isas_of(data), side, ls_pixel_at(f), sizes[k][0], sizes[k][1]);
+    for (int k = 0; k < 8; k++)
         guarded_free(&g[k]);
 }
 
@@ -151,7 +153,7 @@ static void test_demosaic(void)
 int main(int argc, char **argv)
 {
     g_test_init(&argc, &argv, NULL);
-    g_test_add_func("/guards/merge-touches-only-its-spans", test_merge);
+    isas_add("/guards/merge-touches-only-its-spans", test_merge);
     g_test_add_func("/guards/formats-touch-only-their-bytes", test_pixels);
     isas_add("/guards/halves-touch-only-their-spans", test_halves);
     g_test_add_func("/guards/demosaic-touches-only-its-window", test_demosaic);
