@@ -26,6 +26,7 @@ struct ls_accumulate_job {
     uint32_t n_sums;
     const float *weights;  /* [n_sums][n_pictures] */
     const float *tile_max; /* [tiles_y * tiles_x][n_pictures], max |value| of the tile; or NULL */
+    size_t sum_stride;     /* floats from sum to sum in the result; 0 = the region's pixels */
     double max_error;      /* per sum and pixel, in stored units: what may be left out; 0 = none.
                               Needs tile_max */
 };
@@ -38,7 +39,8 @@ struct ls_accumulate_report {
 };
 
 /**
- * sums[n_sums][height][width] of the region's pixels: sums[q] = sum_i weights[q][i] picture_i.
+ * sums[n_sums][height][width] of the region's pixels: sums[q] = sum_i weights[q][i] picture_i; a
+ * larger sum_stride leaves room behind each sum, for the rows of a window that rolls.
  * A picture whose weight is 0 in every sum is never read, nor is a NULL tile. With max_error, the
  * pairs of least bound (ties: lowest picture) are left out of a tile as long as what is left out
  * stays under max_error in every sum; report->bound says how much that is.
@@ -80,18 +82,25 @@ LS_MUST_CHECK enum ls_err ls_relight_demosaic(const struct ls_field *field, cons
                                               struct ls_demosaic_region window,
                                               struct ls_demosaic_region region, float *out);
 
-/** One addend of a picture. */
+/** One addend of a picture. Maps cover the region's rows: [height][width][...], map_stride floats
+ * from row to row. */
 struct ls_relight_term {
-    const float *sum;   /* mosaic over the window */
-    const float *ratio; /* over the region, [height][width][n_channels]; NULL = 1 (white) */
-    int32_t channel;    /* -1: shared weights, every channel of the demosaiced sum goes to the same
-                           channel of the output (mono: to all three). 0..2: only this camera
-                           channel (RGB, unequal weights), or this output channel (mono) */
+    const float *sum;    /* mosaic over the window */
+    const float *ratio;  /* [height][width][n_channels]; NULL = 1 (white) */
+    const float *matrix; /* [height][width][3][n_channels] instead of a ratio (core/linear.h), for
+                            channel -1 of Bayer; NULL = none */
+    size_t map_stride;   /* of whichever of them is given; 0 = its rows follow each other */
+    int32_t channel;     /* -1: shared weights, every channel of the demosaiced sum goes to the same
+                            channel of the output (mono: to all three). 0..2: only this camera
+                            channel (RGB, unequal weights), or this output channel (mono) */
 };
 
 /**
- * out[region.height][region.width][3]: the sum over terms of scale x demosaic(sum) x ratio, terms
- * added in order, then @m (row-major 3x3; NULL = none). Errors: LS_ERR_INVALID, LS_ERR_NOMEM.
+ * out[region.height][region.width][3]: the sum over terms of scale x demosaic(sum) x ratio, or of
+ * matrix (scale x demosaic(sum)) with its products added in order of the channels; terms added in
+ * order, then @m (row-major 3x3; NULL = none). All in float, nothing fused, except @m in double: a
+ * pixel is the same bits in any region. Goes row by row and holds one demosaiced row. Errors:
+ * LS_ERR_INVALID, LS_ERR_NOMEM.
  */
 LS_MUST_CHECK enum ls_err ls_relight_finish(const struct ls_field *field,
                                             struct ls_demosaic_region window,

@@ -43,20 +43,56 @@ enum ls_err ls_relight_demosaic(const struct ls_field *field, const float *sum,
     return ls_demosaic(&source, region, LS_DEMOSAIC_GRADIENT, &target);
 }
 
+/* out += v or v x ratio, for as many samples as there are: colours side by side */
+static void add_scaled(const float *restrict v, const float *restrict ratio, float scale, size_t n,
+                       float *restrict out)
+{
+    if (!ratio)
+        for (size_t k = 0; k < n; k++)
+            out[k] += scale * v[k];
+    else
+        for (size_t k = 0; k < n; k++)
+            out[k] += scale * v[k] * ratio[k];
+}
+
+static void add_matrix(const float *restrict v, const float *restrict m, float scale, size_t n,
+                       float *restrict out)
+{
+    for (size_t j = 0; j < n; j++, v += 3, m += 9, out += 3) {
+        float r = scale * v[0], g = scale * v[1], b = scale * v[2];
+        for (int c = 0; c < 3; c++)
+            out[c] += m[3 * c] * r + m[3 * c + 1] * g + m[3 * c + 2] * b;
+    }
+}
+
+/* one channel of the output, of the same channel (Bayer) or the only one (mono) */
+static void add_channel(const float *v, const float *ratio, uint32_t channels, int c, float scale,
+                        size_t n, float *out)
+{
+    size_t from = channels == 3 ? (size_t)c : 0;
+    for (size_t j = 0; j < n; j++, from += channels) {
+        float scaled = scale * v[from];
+        out[3 * j + (size_t)c] += ratio ? scaled * ratio[from] : scaled;
+    }
+}
+
+/* Row @y of the region. */
 static void add_term(const struct ls_field *field, const struct ls_relight_term *term,
-                     const float *rgb, size_t n, float *out)
+                     const float *v, size_t y, size_t n, float *out)
 {
     uint32_t channels = field->n_channels;
     float scale = (float)field->scale;
-    for (size_t j = 0; j < n; j++) {
-        for (int c = 0; c < 3; c++) {
-            if (term->channel >= 0 && term->channel != c)
-                continue;
-            size_t from = j * channels + (channels == 3 ? (size_t)c : 0);
-            float v = scale * rgb[from];
-            out[3 * j + (size_t)c] += term->ratio ? v * term->ratio[from] : v;
-        }
-    }
+    size_t depth = term->matrix ? 9 : channels;
+    size_t at = y * (term->map_stride ? term->map_stride : n * depth);
+    const float *ratio = term->ratio ? term->ratio + at : NULL;
+    if (term->matrix)
+        add_matrix(v, term->matrix + at, scale, n, out);
+    else if (term->channel < 0 && channels == 3)
+        add_scaled(v, ratio, scale, 3 * n, out);
+    else
+        for (int c = 0; c < 3; c++)
+            if (term->channel < 0 || term->channel == c)
+                add_channel(v, ratio, channels, c, scale, n, out);
 }
 
 static void apply_matrix(const double *m, size_t n, float *out)
@@ -68,27 +104,44 @@ static void apply_matrix(const double *m, size_t n, float *out)
     }
 }
 
-enum ls_err ls_relight_finish(const struct ls_field *field, struct ls_demosaic_region window,
-                              struct ls_demosaic_region region, const struct ls_relight_term *terms,
-                              size_t n_terms, const double *m, float *out, struct ls_diag *diag)
+static enum ls_err check_terms(const struct ls_field *field, const struct ls_relight_term *terms,
+                               size_t n_terms, struct ls_diag *diag)
 {
-    size_t n = (size_t)region.width * region.height;
-    LS_CLEANUP_FREE float *rgb = calloc(n * field->n_channels + 1, sizeof *rgb);
-    if (!rgb)
-        return ls_fail(diag, LS_ERR_NOMEM, "relight: out of memory");
-    memset(out, 0, sizeof *out * 3 * n);
     for (size_t t = 0; t < n_terms; t++) {
         if (terms[t].channel < -1 || terms[t].channel > 2)
             return ls_fail(diag, LS_ERR_INVALID, "relight: term %zu: channel %d: expected -1..2", t,
                            terms[t].channel);
-        enum ls_err err = ls_relight_demosaic(field, terms[t].sum, window, region, rgb);
-        if (err)
-            return ls_fail(diag, err,
-                           "relight: [%u + %u) x [%u + %u) px is not inside what was summed",
-                           region.x, region.width, region.y, region.height);
-        add_term(field, &terms[t], rgb, n, out);
+        if (terms[t].matrix && (terms[t].ratio || terms[t].channel != -1 || field->n_channels != 3))
+            return ls_fail(diag, LS_ERR_INVALID,
+                           "relight: term %zu: a matrix stands alone, for all channels of an RGB "
+                           "camera",
+                           t);
     }
-    if (m)
-        apply_matrix(m, n, out);
     return LS_OK;
+}
+
+enum ls_err ls_relight_finish(const struct ls_field *field, struct ls_demosaic_region window,
+                              struct ls_demosaic_region region, const struct ls_relight_term *terms,
+                              size_t n_terms, const double *m, float *out, struct ls_diag *diag)
+{
+    size_t n = region.width;
+    LS_CLEANUP_FREE float *v = malloc((n * field->n_channels + 1) * sizeof *v);
+    if (!v)
+        return ls_fail(diag, LS_ERR_NOMEM, "relight: out of memory");
+    enum ls_err err = check_terms(field, terms, n_terms, diag);
+    memset(out, 0, sizeof *out * 3 * n * region.height);
+    for (uint32_t y = 0; y < region.height && !err; y++, out += 3 * n) {
+        struct ls_demosaic_region row = {region.x, region.y + y, region.width, 1};
+        for (size_t t = 0; t < n_terms && !err; t++) {
+            err = ls_relight_demosaic(field, terms[t].sum, window, row, v);
+            if (err)
+                return ls_fail(diag, err,
+                               "relight: [%u + %u) x [%u + %u) px is not inside what was summed",
+                               region.x, region.width, region.y, region.height);
+            add_term(field, &terms[t], v, y, n, out);
+        }
+        if (m)
+            apply_matrix(m, n, out);
+    }
+    return err;
 }
