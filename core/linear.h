@@ -13,18 +13,27 @@
  *
  * The fit. D is Eq. 1 on the sums over segments, F = sum F_g, V = sum V_g: the stable ratio of
  * core/promote.h, D[c][inputs[c]]. M = D + q Z, where Z minimises
- *     sum_g w_g^2 |(D + Z) V_g - F_g|^2 + b^2 |(D + Z) p(0) - p(s)|^2 / |p(0)|_mean^2 + lambda
- * |Z|^2 subject to (D + Z) V = F w_g     1 / max(brightness of V_g, row_floor x the mean
- * segment's), less where noise rules, so that shadows count as much as lit areas; brightness is the
- * mean over inputs b       dielectric_weight: a light without colour of its own meets the
- * dielectric coat of a surface before its colour, and comes back as p(s) if p(0) went in lambda
- * ridge x mean of the diagonal of the normal matrix: Tikhonov towards Eq. 1 (Hoerl and Kennard,
- * Technometrics 12, 1970) q       smoothstep((V/sigma - 4) / 6) of the darkest input and output:
- * from 10 sigma on the full sphere is reproduced exactly, below M fades into Eq. 1, which itself
- * fades into its neighbourhood One segment holds nothing that Eq. 1 does not know: G = 1 returns D,
- * to the bit. A segment with a value that is not finite is left out of the rows; if it makes the
- * sum over segments not finite, M = D there. Negative values are honest noise. The result is finite
- * for any input.
+ *     mean over g of w_g^2 |(D + Z) V_g - F_g|^2 + (d / P)^2 |(D + Z) p(0) - p(s)|^2 + lambda |Z|^2
+ *     subject to (D + Z) V = F
+ *   w_g     1 / sqrt(b^2 + n^2 / row_noise^2): b the brightness of V_g (mean over inputs), at least
+ *           row_floor of the mean segment's; n its noise and that of F_g (divided by the mean of
+ *           p(s) over that of p(0)). Shadows count as much as lit areas while their noise is below
+ *           row_noise of their brightness, and less from there on
+ *   d       dielectric_weight, P the mean of p(0): light mirrored by the coat of a dielectric has
+ *           never met its colour, so p(0) must become p(s). One such row counts as much as all
+ *           segments together
+ *   lambda  ridge x mean of the diagonal of the normal matrix: towards Eq. 1 (Hoerl and Kennard,
+ *           Technometrics 12, 1970)
+ *   q       smoothstep((V/sigma - 4) / 6) of V's least certain input: from 10 sigma on the full
+ *           sphere is reproduced exactly, below M fades into Eq. 1, which itself fades into its
+ *           neighbourhood
+ * One segment holds nothing that Eq. 1 does not know: G = 1 returns D, to the bit. So does a pixel
+ * with a value that is not finite in any segment, or with sum V not positive in brightness.
+ * Negative values are honest noise. The result is finite for any input.
+ *
+ * Accuracy. Sums and solve are in double: the full sphere is reproduced within 1e-5 of its
+ * brightest channel where q = 1 (M is rounded to float). Against a solve in long double, M differs
+ * by less than 1e-5 of its largest element.
  */
 #ifndef LS_CORE_LINEAR_H
 #define LS_CORE_LINEAR_H
@@ -32,6 +41,7 @@
 #include "core/error.h"
 #include "core/promote.h"
 
+#include <stdbool.h>
 #include <stddef.h>
 #include <stdint.h>
 
@@ -54,30 +64,31 @@ struct ls_linear_pictures {
     uint32_t n_in, n_out;
     const float *const *v;                  /* [n_segments] -> [height][width][n_in] */
     const float *const *f;                  /* [n_segments] -> [height][width][n_out] */
-    const struct ls_linear_noise *v_noise;  /* [n_segments], shot the same or less for the sum */
+    const struct ls_linear_noise *v_noise;  /* [n_segments] */
     const struct ls_linear_noise *f_noise;  /* [n_segments] */
     struct ls_linear_noise total_noise;     /* of the sum of all v */
     const double *p_in;                     /* [n_in], p of what each input photographed */
     const double *p_out;                    /* [n_out], p(s,c) */
     uint32_t inputs[LS_LINEAR_MAX_OUTPUTS]; /* the input that Eq. 1 scales for each output */
-    int demosaiced;                         /* V's contrast counts as noise (core/promote.h) */
+    bool demosaiced;                        /* V's contrast counts as noise (core/promote.h) */
 };
 
 struct ls_linear_options {
-    double ridge;             /* 0.003 */
+    double ridge;             /* 1e-4 */
     double row_floor;         /* 1e-3 */
+    double row_noise;         /* 0.02 */
     double dielectric_weight; /* 1; 0 = no such row */
 };
 
-/** The values in the comments above. RT-safe. */
+/** The values beside the members. RT-safe. */
 void ls_linear_options_default(struct ls_linear_options *options);
 
 /**
  * M for rows [first_row, first_row + n_rows) of the band, out[n_rows][width][n_out][n_in]. The band
  * must carry LS_LINEAR_HALO_PX rows around them (fewer at the picture's border); the result then
- * does not depend on the band, to the bit. Allocates for the band: about
- * (6 n_out + n_in) floats per pixel. Errors: LS_ERR_INVALID (sizes, numbers of p not finite and
- * positive, inputs, options), LS_ERR_NOMEM.
+ * does not depend on the band, to the bit. Allocates about
+ * 4 (n_in + 2 n_out) floats per pixel of the band. Errors: LS_ERR_INVALID (sizes, numbers of p not
+ * finite and positive, inputs, options), LS_ERR_NOMEM.
  */
 LS_MUST_CHECK enum ls_err ls_linear_fit(const struct ls_linear_pictures *pictures,
                                         const struct ls_linear_options *options, uint32_t first_row,
@@ -90,25 +101,50 @@ LS_MUST_CHECK enum ls_err ls_linear_fit(const struct ls_linear_pictures *picture
 void ls_linear_apply(const float *m, const float *v, size_t n, uint32_t n_in, uint32_t n_out,
                      float *out);
 
-/** Squares of one spectrum, summed over pixels; add those of bands and divide at the end. */
+/** Squares summed over pixels; sums of bands may be added. */
 struct ls_linear_error {
-    double difference; /* sum of squares predicted - photographed, less what noise explains */
-    double total;      /* sum of squares photographed, less noise */
-    uint64_t n;        /* pixels */
+    double difference; /* of predicted - photographed */
+    double noise;      /* what noise of both should contribute to difference */
+    double total;      /* of photographed */
+    uint64_t pixels;
 };
 
 /**
- * The error of M without truth: each segment is left out of the fit (its rows and its part of the
- * sums) and predicted from the rest, by an exact rank-one downdate. Every @step-th pixel of every
- * @step-th row of the rows given is taken. Adds to *error; with @per_pixel [n_rows][width] not
- * NULL, also writes there the relative error of each pixel taken (others are not touched).
- * sqrt(difference / total) estimates the relative RMS error of the field in this spectrum.
- * With one segment there is nothing to leave out: LS_ERR_STATE. Other errors as ls_linear_fit.
+ * The error of M without truth: each segment is left out of the fit (its row and its part of the
+ * sums), exactly, by a rank-one downdate, and predicted from the rest. Every @step-th row of those
+ * given is taken. Adds to *error; @per_pixel [n_rows][width], where not NULL, gets the relative
+ * error of each pixel of the rows taken (others are not touched).
+ *
+ * sqrt(difference / total) estimates the relative RMS error of a single light's promoted picture,
+ * noise included, if segments were exposed as well as single lights;
+ * sqrt(max(difference - noise, 0) / total) that of M alone. It is an estimate: a segment averages
+ * over its lights, and the fit without it knows less than the fit with it. One segment leaves
+ * nothing: LS_ERR_STATE. Other errors as ls_linear_fit.
  */
 LS_MUST_CHECK enum ls_err ls_linear_leave_one_out(const struct ls_linear_pictures *pictures,
                                                   const struct ls_linear_options *options,
                                                   uint32_t first_row, uint32_t n_rows,
                                                   uint32_t step, struct ls_linear_error *error,
                                                   float *per_pixel, struct ls_diag *diag);
+
+/** A light that was also photographed alone in spectrum s: n pixels of it. */
+struct ls_linear_light {
+    size_t n;
+    uint32_t n_in, n_out, n_lights;
+    double strength;      /* g(i,s) of the light */
+    const float *v;       /* [n][n_in], of the light */
+    const float *v_total; /* [n][n_in], sum over all lights of g(i,s) v */
+    const float *m;       /* [n][n_out][n_in] */
+    const float *f;       /* [n][n_out], as photographed */
+};
+
+/**
+ * Compare M v with the photograph. Adds to *all, and to *highlights the pixels at which this light
+ * alone makes more than 16 / n_lights of the full sphere's brightness: four times what a matte
+ * surface facing the light can (cosine over its mean, 4 / n_lights). Pixels with a value that is
+ * not finite are left out; noise is not filled in. RT-safe.
+ */
+void ls_linear_check_light(const struct ls_linear_light *light, struct ls_linear_error *all,
+                           struct ls_linear_error *highlights);
 
 #endif

@@ -1,0 +1,121 @@
+#include "core/mono_blend.h"
+
+#include "core/linear_block.h"
+#include "core/segments.h"
+
+#include <float.h>
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+static double dot(const double a[3], const double b[3])
+{
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
+}
+
+/* exp(G (cos - 1)) is a Gaussian of the angle with variance 1 / G, segments being 4 pi / G each. */
+static void light_weights(const float direction[3], const double (*centre)[3], uint32_t n_segments,
+                          double *phi)
+{
+    double d[3] = {(double)direction[0], (double)direction[1], (double)direction[2]};
+    double length = sqrt(dot(d, d)), largest = -1, sum = 0;
+    for (uint32_t g = 0; g < n_segments; g++) {
+        phi[g] = dot(d, centre[g]) / length;
+        largest = fmax(largest, phi[g]);
+    }
+    for (uint32_t g = 0; g < n_segments; g++) {
+        phi[g] = exp(n_segments * (phi[g] - largest));
+        sum += phi[g];
+    }
+    for (uint32_t g = 0; g < n_segments; g++)
+        phi[g] /= sum;
+}
+
+enum ls_err ls_mono_blend_weights(const float (*directions)[3], uint32_t n_lights,
+                                  const uint32_t *segment, uint32_t n_segments, double *phi,
+                                  struct ls_diag *diag)
+{
+    if (n_segments < 1 || n_segments > n_lights)
+        return ls_fail(diag, LS_ERR_INVALID, "%u segments of %u lights: expected 1 to %u",
+                       n_segments, n_lights, n_lights);
+    LS_CLEANUP_FREE double(*centre)[3] = calloc(n_segments, sizeof *centre);
+    if (!centre)
+        return ls_fail(diag, LS_ERR_NOMEM, "out of memory for %u segments", n_segments);
+    enum ls_err err = ls_segments_centres(directions, n_lights, segment, n_segments, centre, diag);
+    for (uint32_t i = 0; i < n_lights && !err; i++)
+        light_weights(directions[i], (const double(*)[3])centre, n_segments,
+                      phi + (size_t)i * n_segments);
+    return err;
+}
+
+/* Eq. 1's ratio, its numerator and denominator are those of the linear fit with one value. */
+static struct ls_linear_pictures as_linear(const struct ls_mono_blend_pictures *p,
+                                           const double *p_in, const double *p_out)
+{
+    return (struct ls_linear_pictures){.width = p->width,
+                                       .height = p->height,
+                                       .n_segments = p->n_segments,
+                                       .n_in = 1,
+                                       .n_out = 1,
+                                       .v = p->v,
+                                       .f = p->f,
+                                       .v_noise = p->v_noise,
+                                       .f_noise = p->v_noise,
+                                       .total_noise = p->total_noise,
+                                       .p_in = p_in,
+                                       .p_out = p_out};
+}
+
+/* F_g / V_g as far as V_g is known, else the full sphere's. */
+static double segment_ratio(const struct ls_linear_noise *noise, double f, double v, double ratio,
+                            double neutral)
+{
+    double sigma = sqrt(noise->floor + noise->shot * fmax(v, 0));
+    double trust = !(v > 0) ? 0 : sigma > 0 ? ls_linear_trust(v / sigma) : 1;
+    if (!(trust > 0) || !isfinite(f) || !isfinite(v) || !isfinite(f / v))
+        return ratio;
+    double limit = 8 * fmax(fabs(ratio), neutral);
+    double own = trust < 1 ? fmax(-limit, fmin(limit, f / v)) : f / v;
+    return trust * own + (1 - trust) * ratio;
+}
+
+static void blend_pixel(const struct ls_mono_blend_pictures *p, const struct ls_linear_sums *sums,
+                        size_t pixel, float *out)
+{
+    double ratio = (double)sums->ratio[pixel], made = 0;
+    double v = (double)sums->v[pixel], f = (double)sums->f[pixel];
+    double sigma = (double)sums->sigma[pixel];
+    for (uint32_t g = 0; g < p->n_segments; g++) {
+        double r = segment_ratio(&p->v_noise[g], (double)p->f[g][pixel], (double)p->v[g][pixel],
+                                 ratio, p->neutral);
+        out[g] = (float)r;
+        made += (double)out[g] * (double)p->u[g][pixel];
+    }
+    double trust = !(v > 0) ? 0 : sigma > 0 ? ls_linear_trust(v / sigma) : 1;
+    double n = 1 + trust * (f / made - 1);
+    for (uint32_t g = 0; g < p->n_segments; g++) {
+        double r = (double)out[g] * n;
+        out[g] = trust > 0 && fabs(r) <= (double)FLT_MAX ? (float)r : (float)ratio;
+    }
+}
+
+enum ls_err ls_mono_blend_ratios(const struct ls_mono_blend_pictures *pictures, uint32_t first_row,
+                                 uint32_t n_rows, float *out, struct ls_diag *diag)
+{
+    const double p_in = 1, p_out = pictures->neutral;
+    const struct ls_linear_pictures linear = as_linear(pictures, &p_in, &p_out);
+    struct ls_linear_options options;
+    struct ls_linear_sums sums;
+    ls_linear_options_default(&options);
+    enum ls_err err = ls_linear_sums_init(&linear, &options, first_row, n_rows, &sums, diag);
+    size_t first = (size_t)first_row * pictures->width, n = (size_t)n_rows * pictures->width;
+    for (size_t i = 0; i < n && !err; i++) {
+        float *r = out + i * pictures->n_segments;
+        if (pictures->n_segments == 1)
+            *r = sums.ratio[first + i];
+        else
+            blend_pixel(pictures, &sums, first + i, r);
+    }
+    ls_linear_sums_finish(&sums);
+    return err;
+}
