@@ -1,0 +1,138 @@
+#include "tests/bench/relight.h"
+
+#include "tests/bench/bench.h"
+
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+enum { HALO = LS_DEMOSAIC_HALO, KEPT = 2 * HALO, WINDOW_ROWS = LS_TILE_SIDE + KEPT };
+
+/* Rows of one thread. */
+struct share {
+    struct bench_relight *r;
+    unsigned thread, n;
+    uint32_t y0, y1; /* px */
+    float *window;   /* [n_sums][WINDOW_ROWS][width] */
+};
+
+static void must(enum ls_err err, const struct ls_diag *diag)
+{
+    if (err) {
+        fprintf(stderr, "%s\n", diag->text);
+        exit(1);
+    }
+}
+
+static uint32_t first_tile_row(const struct bench_relight *r, unsigned thread, unsigned n)
+{
+    return ls_field_tiles_y(r->field) * thread / n;
+}
+
+/* Rows [y0, y1) of the picture from sums of rows [window_y, ...) that lie @stride apart. */
+static void finish_rows(const struct bench_relight *r, const float *sums, size_t stride,
+                        uint32_t window_y, uint32_t window_rows, uint32_t y0, uint32_t y1)
+{
+    struct ls_relight_term terms[BENCH_MAX_TERMS];
+    struct ls_diag diag = {""};
+    uint32_t width = r->field->width;
+    for (uint32_t q = 0; q < r->n_sums; q++)
+        terms[q] = (struct ls_relight_term){
+            .sum = sums + q * stride,
+            .ratio = r->ratio[q] ? r->ratio[q] + (size_t)y0 * width * 3 : NULL,
+            .matrix = r->matrix[q] ? r->matrix[q] + (size_t)y0 * width * 9 : NULL,
+            .channel = -1};
+    must(ls_relight_finish(r->field, (struct ls_demosaic_region){0, window_y, width, window_rows},
+                           (struct ls_demosaic_region){0, y0, width, y1 - y0}, terms, r->n_sums,
+                           NULL, r->out + (size_t)y0 * width * 3, &diag),
+         &diag);
+}
+
+/* the rows beside the seam after @thread - 1: four from above, four from below */
+static void keep_for_seam(struct share *s, unsigned seam, int below, uint32_t row)
+{
+    size_t width = s->r->field->width;
+    for (uint32_t q = 0; q < s->r->n_sums; q++)
+        memcpy(s->r->seam[seam] + (q * 2 * KEPT + (below ? KEPT : 0)) * width,
+               s->window + (q * WINDOW_ROWS + row) * width, KEPT * width * sizeof(float));
+}
+
+static void sum_tile_row(struct share *s, uint32_t tile_row)
+{
+    const struct bench_relight *r = s->r;
+    size_t width = r->field->width;
+    struct ls_diag diag = {""};
+    struct ls_accumulate_job job = {.pictures = r->field->white,
+                                    .n_pictures = r->field->n_lights,
+                                    .n_sums = r->n_sums,
+                                    .weights = r->weights,
+                                    .sum_stride = WINDOW_ROWS * width,
+                                    .tile_max = r->tile_max,
+                                    .max_error = r->max_error};
+    struct ls_tile_region tiles = {0, tile_row, ls_field_tiles_x(r->field), tile_row + 1};
+    must(ls_accumulate_with(r->kernels, r->field, &job, &tiles, s->window + KEPT * width, NULL,
+                            &diag),
+         &diag);
+}
+
+static void roll(struct share *s, uint32_t rows)
+{
+    size_t width = s->r->field->width;
+    for (uint32_t q = 0; q < s->r->n_sums; q++) {
+        float *sum = s->window + q * WINDOW_ROWS * width;
+        memcpy(sum, sum + rows * width, KEPT * width * sizeof *sum);
+    }
+}
+
+static void finish_tile_row(struct share *s, uint32_t y, uint32_t rows)
+{
+    const struct bench_relight *r = s->r;
+    bool first = y == s->y0, last = y + rows == s->y1;
+    uint32_t kept = first ? 0 : KEPT;
+    uint32_t from = first ? (s->thread > 0 ? y + HALO : y) : y - HALO;
+    uint32_t to = last && s->thread + 1 == s->n ? y + rows : y + rows - HALO;
+    finish_rows(r, s->window + (size_t)(KEPT - kept) * r->field->width,
+                (size_t)WINDOW_ROWS * r->field->width, y - kept, rows + kept, from, to);
+    if (first && s->thread > 0)
+        keep_for_seam(s, s->thread, 1, KEPT);
+    if (last && s->thread + 1 < s->n)
+        keep_for_seam(s, s->thread + 1, 0, rows);
+}
+
+static void run_share(void *data, unsigned thread, unsigned n)
+{
+    struct bench_relight *r = data;
+    uint32_t height = r->field->height;
+    uint32_t t0 = first_tile_row(r, thread, n), t1 = first_tile_row(r, thread + 1, n);
+    struct share s = {r, thread, n, t0 * LS_TILE_SIDE, t1 * LS_TILE_SIDE, NULL};
+    s.y1 = s.y1 < height ? s.y1 : height;
+    s.window = malloc((size_t)r->n_sums * WINDOW_ROWS * r->field->width * sizeof *s.window);
+    if (!s.window)
+        abort();
+    for (uint32_t t = t0; t < t1; t++) {
+        uint32_t y = t * LS_TILE_SIDE, rows = s.y1 - y < LS_TILE_SIDE ? s.y1 - y : LS_TILE_SIDE;
+        sum_tile_row(&s, t);
+        if (r->out)
+            finish_tile_row(&s, y, rows);
+        roll(&s, rows);
+    }
+    if (thread == 0)
+        r->anonymous_mib = fmax(r->anonymous_mib, bench_anonymous_mib());
+    free(s.window);
+}
+
+void bench_relight(void *data)
+{
+    struct bench_relight *r = data;
+    size_t width = r->field->width;
+    for (unsigned t = 1; t < r->n_threads; t++)
+        r->seam[t] = malloc((size_t)r->n_sums * 2 * KEPT * width * sizeof(float));
+    bench_parallel(r->n_threads, run_share, r);
+    for (unsigned t = 1; t < r->n_threads; t++) {
+        uint32_t y = first_tile_row(r, t, r->n_threads) * LS_TILE_SIDE;
+        if (r->out)
+            finish_rows(r, r->seam[t], 2 * KEPT * width, y - KEPT, 2 * KEPT, y - HALO, y + HALO);
+        free(r->seam[t]);
+    }
+}
