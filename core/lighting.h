@@ -87,8 +87,7 @@ LS_MUST_CHECK enum ls_err ls_lighting_solver_run(const struct ls_lighting_solver
 /** Create, run, destroy. */
 LS_MUST_CHECK enum ls_err ls_lighting_solve(const struct ls_lighting *lighting,
                                             const double *targets, size_t n_targets, double *alpha,
-                                            struct ls_lighting_solution *out,
-                                            struct ls_diag *diag);
+                                            struct ls_lighting_solution *out, struct ls_diag *diag);
 
 /**
  * P_pc = integral of light x reflectance_p x sensitivity_c: what the camera reads of a chart of

@@ -8,6 +8,7 @@
 
 enum { MAX = LS_SOLVE_MAX_COLS };
 static const double dependent = 1e-14, no_descent = 1e-15, tie = 1e-12;
+static const double fitted = 1e-16; /* a residual that is rounding of b */
 
 /** The columns that may be positive, with an orthonormal basis of their span. */
 struct active_set {
@@ -15,8 +16,8 @@ struct active_set {
     int member[MAX], n; /* in order of entry */
     bool inside[MAX], barred[MAX];
     double x[MAX], z[MAX];
-    double q[MAX][MAX]; /* basis; only the first rows entries of each are used */
-    double r[MAX][MAX]; /* columns of the triangular factor */
+    double q[MAX][MAX];    /* basis; only the first rows entries of each are used */
+    double r[MAX][MAX];    /* columns of the triangular factor */
     double projected[MAX]; /* q' b */
     double residual[MAX];  /* b - Q Q' b */
 };
@@ -218,7 +219,7 @@ bool ls_nnls_solve(const struct ls_nnls *problem, double *x, unsigned *iteration
     double size = refresh_residual(&set), least = size;
     memset(x, 0, bytes);
     *iterations = 0;
-    for (int c; (c = steepest(&set, no_descent * size)) >= 0;) {
+    for (int c; least > fitted * size && (c = steepest(&set, no_descent * least)) >= 0;) {
         int member[MAX], n = set.n;
         memcpy(member, set.member, sizeof(int) * (size_t)n);
         if (++*iterations == limit)

@@ -92,7 +92,7 @@ static enum ls_err copy_system(struct ls_solver *solver, const struct ls_system 
 struct svd {
     int inner;
     double s[LS_SOLVE_MAX_COLS];
-    double *u;                                           /* [inner][rows] */
+    double *u;                                        /* [inner][rows] */
     double vt[LS_SOLVE_MAX_COLS * LS_SOLVE_MAX_COLS]; /* [cols][inner] */
 };
 

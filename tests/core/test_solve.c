@@ -45,99 +45,6 @@ static void make(struct random_system *r, GRand *rand, int kind)
                                    .tikhonov = kind == 7 ? 1e-3 : 0};
 }
 
-static double cost(const struct ls_system *s, const double *x)
-{
-    long double sum = 0, trace = 0, size = 0;
-    for (size_t i = 0; i < s->rows; i++) {
-        long double r = -s->b[i], w = s->row_weight ? s->row_weight[i] : 1;
-        for (size_t j = 0; j < s->cols; j++) {
-            r += (long double)s->a[i * s->cols + j] * x[j];
-            trace += w * w * s->a[i * s->cols + j] * s->a[i * s->cols + j];
-        }
-        sum += w * w * r * r;
-    }
-    for (size_t j = 0; j < s->cols; j++)
-        size += (long double)x[j] * x[j];
-    return (double)(sum + s->tikhonov * trace / s->cols * size);
-}
-
-/* the least cost over all 2^6 sets of columns whose least-squares solution is non-negative */
-static double best_by_enumeration(const struct ls_system *s)
-{
-    double best = INFINITY, zero[COLS] = {0};
-    for (unsigned set = 0; set < 1u << COLS; set++) {
-        double a[(ROWS_MAX + COLS) * COLS], b[ROWS_MAX + COLS] = {0}, x[COLS], full[COLS] = {0};
-        double trace = 0;
-        size_t n = 0;
-        for (size_t j = 0; j < COLS; j++)
-            n += set >> j & 1;
-        if (n == 0) {
-            best = fmin(best, cost(s, zero));
-            continue;
-        }
-        memset(a, 0, sizeof a);
-        for (size_t i = 0; i < s->rows; i++) {
-            size_t at = 0;
-            double w = s->row_weight ? s->row_weight[i] : 1;
-            b[i] = w * s->b[i];
-            for (size_t j = 0; j < COLS; j++) {
-                trace += pow(w * s->a[i * COLS + j], 2);
-                if (set >> j & 1)
-                    a[i * n + at++] = w * s->a[i * COLS + j];
-            }
-        }
-        for (size_t j = 0; j < n; j++)
-            a[(s->rows + j) * n + j] = sqrt(s->tikhonov * trace / COLS);
-        struct ls_system sub = {.rows = s->rows + n, .cols = n, .a = a, .b = b};
-        g_assert_cmpint(ls_solve_least_squares(&sub, x, NULL, NULL), ==, LS_OK);
-        gboolean feasible = TRUE;
-        size_t at = 0;
-        for (size_t j = 0; j < COLS; j++)
-            if (set >> j & 1) {
-                full[j] = x[at++];
-                feasible &= full[j] >= 0;
-            }
-        if (feasible)
-            best = fmin(best, cost(s, full));
-    }
-    return best;
-}
-
-static int n_systems(void)
-{
-    return g_getenv("LS_TEST_FULL") ? 100000 : 2000;
-}
-
-static void test_nnls_is_the_best_of_all_active_sets(void)
-{
-    guint32 seed = (guint32)g_test_rand_int();
-    g_autoptr(GRand) rand = g_rand_new_with_seed(seed);
-    double worst_kkt = 0, worst_excess = 0;
-    g_test_message("seed %u", seed);
-    for (int k = 0; k < n_systems(); k++) {
-        struct random_system r;
-        struct ls_solution out;
-        double x[COLS];
-        make(&r, rand, k % 8);
-        double scale = 0;
-        for (size_t i = 0; i < r.system.rows; i++)
-            scale += r.b[i] * r.b[i] * (r.system.row_weight ? r.w[i] * r.w[i] : 1);
-        g_assert_cmpint(ls_solve_nnls(&r.system, x, &out, NULL), ==, LS_OK);
-        for (size_t j = 0; j < COLS; j++)
-            g_assert_true(x[j] >= 0 && isfinite(x[j]));
-        /* the promise of the header */
-        g_assert_cmpfloat(out.kkt, <=, 1e-10);
-        worst_kkt = fmax(worst_kkt, out.kkt);
-        double excess = (cost(&r.system, x) - best_by_enumeration(&r.system)) / scale;
-        worst_excess = fmax(worst_excess, excess);
-        /* the objective is flat at the optimum: a gradient of 1e-10 costs far less than this,
-         * columns of 1e8 and rounding of the reference itself included */
-        g_assert_cmpfloat(excess, <=, 1e-9);
-    }
-    g_test_message("largest KKT violation %.2g, excess over the best active set %.2g", worst_kkt,
-                   worst_excess);
-}
-
 static void test_least_squares_residual_is_orthogonal_to_the_columns(void)
 {
     guint32 seed = (guint32)g_test_rand_int();
@@ -187,18 +94,6 @@ static void test_condition_is_that_of_a_known_matrix(void)
     g_assert_cmpint(ls_solve_nnls(&system, x, &out, NULL), ==, LS_OK);
     g_assert_cmpfloat_with_epsilon(out.condition, 6, 1e-12);
     g_assert_cmpuint(out.rank, ==, 2);
-}
-
-static void test_nnls_ties_go_to_the_lowest_index(void)
-{
-    /* three equal columns, differently scaled: scaling must not break the tie */
-    const double a[] = {2, 1, 5, 4, 2, 10}, b[] = {1, 2};
-    struct ls_system system = {.rows = 2, .cols = 3, .a = a, .b = b};
-    double x[3];
-    g_assert_cmpint(ls_solve_nnls(&system, x, NULL, NULL), ==, LS_OK);
-    g_assert_cmpfloat_with_epsilon(x[0], 0.5, 1e-12);
-    g_assert_cmpfloat(x[1], ==, 0);
-    g_assert_cmpfloat(x[2], ==, 0);
 }
 
 static void test_tikhonov_is_relative_to_the_mean_diagonal(void)
@@ -357,9 +252,6 @@ static void test_targets_are_light_times_reflectance_times_sensitivity(void)
 int main(int argc, char **argv)
 {
     g_test_init(&argc, &argv, NULL);
-    g_test_add_func("/nnls/is-the-best-of-all-active-sets",
-                    test_nnls_is_the_best_of_all_active_sets);
-    g_test_add_func("/nnls/ties-go-to-the-lowest-index", test_nnls_ties_go_to_the_lowest_index);
     g_test_add_func("/least-squares/residual-is-orthogonal-to-the-columns",
                     test_least_squares_residual_is_orthogonal_to_the_columns);
     g_test_add_func("/least-squares/rank-deficient-has-minimum-norm",
