@@ -6,6 +6,7 @@
 #include "clients/region_option.h"
 #include "clients/take_document.h"
 #include "clients/weights_file.h"
+#include "core/profile.h"
 
 #include <math.h>
 #include <stdio.h>
@@ -16,8 +17,10 @@ struct options {
     const char *exr, *png;
     const char *light; /* what the take is relit with: the environment, or weights */
     bool weights;
-    bool tristimulus, raw;
-    double turn_deg, exposure, max_error;
+    bool raw;
+    struct ls_light_options solve;
+    const struct ls_profile *profile;
+    double exposure, max_error;
     bool exposure_given;
     enum ls_map_space space;
     uint32_t camera;
@@ -46,7 +49,7 @@ static bool number(const char *text, double *out)
 static int set(struct options *out, int option)
 {
     enum { OUTPUT = 1, PNG, SOLVE, ROTATE, RAW, SPACE, REGION, EXPOSURE, MAX_ERROR, WEIGHTS,
-           CAMERA };
+           CAMERA, METHOD, CELLS, PROFILE };
     switch (option) {
     case OUTPUT:
         out->exr = optarg;
@@ -62,17 +65,29 @@ static int set(struct options *out, int option)
         out->raw = true;
         return LS_EXIT_OK;
     case SOLVE:
-        out->tristimulus = strcmp(optarg, "tristimulus") == 0;
-        if (!out->tristimulus && strcmp(optarg, "spectral") != 0)
-            return ls_command_wrong("--solve %s: expected spectral or tristimulus", optarg);
-        return LS_EXIT_OK;
+        return ls_light_solve_option(optarg, &out->solve.solve)
+                   ? LS_EXIT_OK
+                   : ls_command_wrong("--solve %s: expected spectral, tristimulus, shared or "
+                                      "per-target", optarg);
+    case METHOD:
+        return ls_light_method_option(optarg, &out->solve.method)
+                   ? LS_EXIT_OK
+                   : ls_command_wrong("--method %s: expected nnls or least-squares", optarg);
+    case CELLS:
+        return ls_light_cells_option(optarg, &out->solve.smooth)
+                   ? LS_EXIT_OK
+                   : ls_command_wrong("--cells %s: expected nearest or smooth", optarg);
+    case PROFILE:
+        out->profile = ls_profile_find(optarg);
+        return out->profile ? LS_EXIT_OK
+                            : ls_command_wrong("--profile %s: expected paper", optarg);
     case SPACE:
         out->space = strcmp(optarg, "camera-raw") == 0 ? LS_MAP_CAMERA_RAW : LS_MAP_REC709_LINEAR;
         if (out->space == LS_MAP_REC709_LINEAR && strcmp(optarg, "rec709-linear") != 0)
             return ls_command_wrong("--space %s: expected rec709-linear or camera-raw", optarg);
         return LS_EXIT_OK;
     case ROTATE:
-        return number(optarg, &out->turn_deg)
+        return number(optarg, &out->solve.turn_deg)
                    ? LS_EXIT_OK
                    : ls_command_wrong("--rotate %s: expected degrees", optarg);
     case EXPOSURE:
@@ -111,6 +126,9 @@ static int parse(struct ls_command_context *context, int argc, char **argv, stru
                                             {"max-error", required_argument, NULL, 9},
                                             {"weights", required_argument, NULL, 10},
                                             {"camera", required_argument, NULL, 11},
+                                            {"method", required_argument, NULL, 12},
+                                            {"cells", required_argument, NULL, 13},
+                                            {"profile", required_argument, NULL, 14},
                                             LS_COMMON_OPTIONS};
     lightstage__region__init(&out->region);
     for (int option;
@@ -249,10 +267,10 @@ static enum ls_err write_exr(const struct options *options, const struct ls_take
                                            document->width, document->height};
     const char *file = strrchr(options->light, '/');
     ls_picture_attrs_take(document, calibrated, &attrs);
-    ls_picture_attrs_model(promoted, options->tristimulus, &attrs);
+    ls_picture_attrs_model(promoted, options->solve.solve == LS_LIGHT_TRISTIMULUS, &attrs);
     ls_exr_attrs_string(&attrs, "lightstage/environment", file ? file + 1 : options->light);
     ls_exr_attrs_string(&attrs, "lightstage/units", rec709 ? "rec709-linear" : "camera-raw");
-    ls_exr_attrs_float(&attrs, "lightstage/rotation", (float)options->turn_deg);
+    ls_exr_attrs_float(&attrs, "lightstage/rotation", (float)options->solve.turn_deg);
     if (rec709)
         ls_exr_attrs_chromaticities(&attrs, "chromaticities", primaries);
     enum ls_err err =
@@ -283,6 +301,22 @@ static enum ls_err write_pictures(const struct options *options,
     return err;
 }
 
+/* What the solve of the strengths was, and how well it went; NULL where there was none. */
+static json_t *solve_json(const struct ls_light_weights *weights)
+{
+    const struct ls_lighting_solution *solution = &weights->solution;
+    if (!weights->solved)
+        return NULL;
+    json_t *json = json_pack(
+        "{ss ss sf sf si}", "mode", solution->mode == LS_SOLVE_SHARED ? "shared" : "per-target",
+        "space", solution->space == LS_SOLVE_AFTER_M ? "after-M" : "camera-raw", "residual",
+        weights->residual, "worst_residual", solution->worst.relative, "rank",
+        (int)solution->worst.rank);
+    if (isfinite(solution->worst.condition))
+        json_object_set_new(json, "condition", json_real(solution->worst.condition));
+    return json;
+}
+
 static void print_result(const struct ls_command_context *context, const struct options *options,
                          const struct ls_light_weights *weights, const struct result *result)
 {
@@ -298,12 +332,12 @@ static void print_result(const struct ls_command_context *context, const struct 
         return;
     }
     ls_command_print_json(json_pack(
-        "{si si sI sf sf sf sf sb ss* ss*}", "lights_used", (int)result->lights_used,
+        "{si si sI sf sf sf sf sb so* ss* ss*}", "lights_used", (int)result->lights_used,
         "lights_skipped", (int)result->lights_skipped, "tiles_skipped",
         (json_int_t)result->tiles_skipped, "error_bound", result->bound, "seconds",
-        result->seconds, "solve_residual", weights->worst_residual, "unreachable",
-        weights->unreachable, "calibrated", result->calibrated, "output", options->exr, "png",
-        options->png));
+        result->seconds, "solve_residual", weights->solution.worst.relative, "unreachable",
+        weights->unreachable, "calibrated", result->calibrated, "solve", solve_json(weights),
+        "output", options->exr, "png", options->png));
 }
 
 /* ---- the command ---- */
@@ -319,8 +353,7 @@ static enum ls_err make_weights(const struct options *options,
                    : LS_OK;
     if (ls_environment_file_read(options->light, options->space, &environment, diag))
         return LS_ERR_INVALID;
-    enum ls_err err = ls_light_weights_make(document, &environment, options->tristimulus,
-                                            options->turn_deg, weights, diag);
+    enum ls_err err = ls_light_weights_make(document, &environment, &options->solve, weights, diag);
     ls_environment_file_finish(&environment);
     return err;
 }
@@ -346,6 +379,17 @@ static int relight(struct ls_command_context *context, const struct options *opt
     return code;
 }
 
+/* A matrix that was asked for by name takes the place of the calibration's. */
+static int use_profile(const struct options *options, struct ls_take_document *document)
+{
+    if (!document->calibration)
+        return ls_command_wrong("--profile %s: the take has no calibration to use it with",
+                                options->profile->name);
+    memcpy(document->calibration->m, options->profile->m, sizeof document->calibration->m);
+    document->calibration->has_m = true;
+    return LS_EXIT_OK;
+}
+
 static int run(struct ls_command_context *context, int argc, char **argv)
 {
     struct options options = {0};
@@ -355,7 +399,10 @@ static int run(struct ls_command_context *context, int argc, char **argv)
         code = ls_take_document_get(context, argv[optind], options.camera, &document);
     if (code)
         return code;
-    code = relight(context, &options, document);
+    if (options.profile)
+        code = use_profile(&options, document);
+    if (!code)
+        code = relight(context, &options, document);
     ls_take_document_destroy(document);
     return code;
 }
@@ -363,7 +410,9 @@ static int run(struct ls_command_context *context, int argc, char **argv)
 const struct ls_command ls_command_relight = {
     "relight", "A take under another light: a lat-long .hdr or .exr, or spectral lobes as .json",
     "TAKE ENVIRONMENT --output FILE.exr [--png FILE.png] [--raw]\n"
-    "         [--solve spectral|tristimulus] [--rotate DEG] [--space rec709-linear|camera-raw]\n"
+    "         [--solve spectral|tristimulus|shared|per-target] [--method nnls|least-squares]\n"
+    "         [--cells nearest|smooth] [--profile paper]\n"
+    "         [--rotate DEG] [--space rec709-linear|camera-raw]\n"
     "         [--region X,Y,WIDTH,HEIGHT] [--exposure STOPS] [--max-error E]\n"
     "         [--camera N] [--json]\n"
     "       lightstagectl relight TAKE --weights FILE.json --output FILE.exr [...]\n"

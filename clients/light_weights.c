@@ -1,27 +1,51 @@
 #include "clients/light_weights.h"
 
+#include "core/cell_lighting.h"
 #include "core/envlights.h"
-#include "core/lighting.h"
+#include "core/smooth_cells.h"
 
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
 
-/* Everything the solve of one light needs, made once. */
+bool ls_light_solve_option(const char *word, enum ls_light_solve *out)
+{
+    static const char *const words[] = {"spectral", "tristimulus", "shared", "per-target"};
+    for (int i = 0; i < 4; i++)
+        if (strcmp(word, words[i]) == 0) {
+            *out = (enum ls_light_solve)i;
+            return true;
+        }
+    return false;
+}
+
+bool ls_light_method_option(const char *word, enum ls_light_method *out)
+{
+    bool nnls = strcmp(word, "nnls") == 0;
+    *out = nnls ? LS_LIGHT_METHOD_NNLS : LS_LIGHT_METHOD_LEAST_SQUARES;
+    return nnls || strcmp(word, "least-squares") == 0;
+}
+
+bool ls_light_cells_option(const char *word, bool *smooth)
+{
+    *smooth = strcmp(word, "smooth") == 0;
+    return *smooth || strcmp(word, "nearest") == 0;
+}
+
+/* Everything the solve needs, made once. */
 struct solver {
     const struct ls_take_document *document;
     const struct ls_environment_file *environment;
+    const struct ls_light_options *options;
     double *cells;   /* map: [n_lights][3]; lobes: [n_lights][lobes] */
     size_t n_cells;  /* per light */
     struct ls_spectrum functionals[3]; /* what a map's RGB means */
     struct ls_spectrum sensitivity[3];
     uint32_t n_colours;
     struct ls_spectrum *reflectance; /* [n_patches] */
-    struct ls_lighting lighting;
-    double *chart; /* [patch][colour][spectrum] */
-    double *targets;
+    double *chart;                   /* [patch][colour][spectrum] */
+    struct ls_lighting_solver *lighting;
     uint32_t columns[LS_DOCUMENT_CHANNELS]; /* calibration channel of each name */
-    double energy, missed; /* of the map: sum of norms, sum of what could not be reached */
 };
 
 static void solver_finish(struct solver *solver)
@@ -29,7 +53,7 @@ static void solver_finish(struct solver *solver)
     free(solver->cells);
     free(solver->reflectance);
     free(solver->chart);
-    free(solver->targets);
+    ls_lighting_solver_destroy(solver->lighting);
 }
 
 void ls_light_weights_finish(struct ls_light_weights *weights)
@@ -45,20 +69,22 @@ static enum ls_err out_of_memory(struct ls_diag *diag)
 
 /* ---- the environment, cell by cell ---- */
 
-static enum ls_err cut_cells(struct solver *solver, double turn_deg, struct ls_diag *diag)
+static enum ls_err cut_cells(struct solver *solver, struct ls_diag *diag)
 {
     const struct ls_take_document *d = solver->document;
     const struct ls_environment_file *e = solver->environment;
     const float(*directions)[3] = (const float(*)[3])d->direction;
     double rotation[9];
-    ls_rotation_y(turn_deg * M_PI / 180, rotation);
+    ls_rotation_y(solver->options->turn_deg * M_PI / 180, rotation);
     solver->n_cells = e->lobes ? e->lobes->n : 3;
     solver->cells = calloc((size_t)d->n_lights * (solver->n_cells + 1), sizeof(double));
     if (!solver->cells)
         return out_of_memory(diag);
     if (e->lobes)
-        return ls_envlights_lobes(directions, d->n_lights, rotation, e->lobes, solver->cells, diag);
-    return ls_envlights_map(directions, d->n_lights, rotation, &e->map, solver->cells, diag);
+        return (solver->options->smooth ? ls_smooth_cells_lobes : ls_envlights_lobes)(
+            directions, d->n_lights, rotation, e->lobes, solver->cells, diag);
+    return (solver->options->smooth ? ls_smooth_cells_map : ls_envlights_map)(
+        directions, d->n_lights, rotation, &e->map, solver->cells, diag);
 }
 
 static const double *cell(const struct solver *solver, uint32_t light)
@@ -66,34 +92,14 @@ static const double *cell(const struct solver *solver, uint32_t light)
     return solver->cells + light * solver->n_cells;
 }
 
-static bool cell_is_dark(const struct solver *solver, uint32_t light)
-{
-    for (size_t i = 0; i < solver->n_cells; i++)
-        if (cell(solver, light)[i] != 0)
-            return false;
-    return true;
-}
-
 /* Spectral radiance x sr of a light's cell. */
-static enum ls_err cell_spectrum(struct solver *solver, uint32_t light, struct ls_spectrum *out,
-                                 struct ls_diag *diag)
+static void lobes_spectrum(const struct solver *solver, uint32_t light, struct ls_spectrum *out)
 {
     const struct ls_lobes *lobes = solver->environment->lobes;
-    const double *c = cell(solver, light);
-    struct ls_smoothest report;
     memset(out, 0, sizeof *out);
-    if (lobes) {
-        for (size_t l = 0; l < lobes->n; l++)
-            for (int i = 0; i < LS_SPECTRUM_N; i++)
-                out->v[i] += c[l] * lobes->item[l].spectrum.v[i];
-        return LS_OK;
-    }
-    enum ls_err err = ls_spectrum_smoothest(c, solver->functionals, out, &report, diag);
-    double norm = sqrt(c[0] * c[0] + c[1] * c[1] + c[2] * c[2]);
-    solver->energy += norm;
-    if (!err)
-        solver->missed += report.reachable ? 0 : report.residual * norm;
-    return err;
+    for (size_t l = 0; l < lobes->n; l++)
+        for (int i = 0; i < LS_SPECTRUM_N; i++)
+            out->v[i] += cell(solver, light)[l] * lobes->item[l].spectrum.v[i];
 }
 
 /* ---- the calibration's spectra ---- */
@@ -174,7 +180,29 @@ static enum ls_err choose_channels(struct solver *solver, struct ls_light_weight
 
 /* ---- the spectral solve ---- */
 
-static enum ls_err read_chart(struct solver *solver, const struct ls_light_weights *weights,
+static void choose_solve(const struct solver *solver, struct ls_lighting *lighting)
+{
+    const struct ls_light_options *options = solver->options;
+    bool mono = solver->n_colours == 1;
+    ls_lighting_defaults(lighting);
+    if (options->solve == LS_LIGHT_SHARED)
+        lighting->mode = LS_SOLVE_SHARED;
+    if (options->solve == LS_LIGHT_PER_TARGET)
+        lighting->mode = LS_SOLVE_PER_TARGET;
+    if (options->method == LS_LIGHT_METHOD_NNLS) {
+        lighting->method = LS_SOLVE_NNLS;
+        lighting->tikhonov = 0;
+    }
+    if (options->method == LS_LIGHT_METHOD_LEAST_SQUARES)
+        lighting->method = LS_SOLVE_LEAST_SQUARES;
+    if (lighting->method == LS_SOLVE_LEAST_SQUARES)
+        lighting->tikhonov = 1e-3;
+    /* the daemon weights each camera channel before anything mixes them */
+    if (!mono && lighting->mode == LS_SOLVE_PER_TARGET)
+        lighting->m = NULL;
+}
+
+static enum ls_err read_chart(struct solver *solver, struct ls_light_weights *weights,
                               struct ls_diag *diag)
 {
     const struct ls_calibration *cal = solver->document->calibration;
@@ -186,44 +214,33 @@ static enum ls_err read_chart(struct solver *solver, const struct ls_light_weigh
                        "reflectances and L; use --solve tristimulus");
     solver->reflectance = calloc(cal->n_patches, sizeof *solver->reflectance);
     solver->chart = calloc(rows * n, sizeof(double));
-    solver->targets = calloc((size_t)cal->n_patches * 3, sizeof(double));
-    if (!solver->reflectance || !solver->chart || !solver->targets)
+    if (!solver->reflectance || !solver->chart)
         return out_of_memory(diag);
     for (uint32_t p = 0; p < cal->n_patches && !err; p++)
         err = table_row(&cal->reflectance, p, &solver->reflectance[p], diag);
     for (size_t r = 0; r < rows; r++)
         for (size_t s = 0; s < n; s++)
             solver->chart[r * n + s] = (double)cal->L[r * cal->n_channels + solver->columns[s]];
-    solver->lighting = (struct ls_lighting){.n_patches = cal->n_patches,
-                                            .n_channels = cal->n_colours,
-                                            .n_spectra = n,
-                                            .chart = solver->chart,
-                                            .m = cal->has_m && cal->n_colours == 3 ? &cal->m[0][0]
-                                                                                   : NULL};
-    ls_lighting_defaults(&solver->lighting);
     return err;
 }
 
-static enum ls_err solve_light(struct solver *solver, uint32_t light,
-                               struct ls_light_weights *out, struct ls_diag *diag)
+static enum ls_err factor_chart(struct solver *solver, struct ls_light_weights *weights,
+                                struct ls_diag *diag)
 {
-    bool mono = solver->n_colours == 1;
-    struct ls_spectrum spectrum;
-    struct ls_lighting_solution solution = {0};
-    double alpha[3 * LS_DOCUMENT_CHANNELS];
-    if (cell_is_dark(solver, light))
-        return LS_OK;
-    enum ls_err err = cell_spectrum(solver, light, &spectrum, diag);
-    if (err)
-        return err;
-    ls_lighting_targets(solver->reflectance, solver->lighting.n_patches,
-                        mono ? solver->functionals : solver->sensitivity, 3, &spectrum,
-                        solver->targets);
-    err = ls_lighting_solve(&solver->lighting, solver->targets, 3, alpha, &solution, diag);
-    for (uint32_t r = 0; r < out->n_rows && !err; r++)
-        out->rows[(size_t)r * out->n_lights + light] = (float)alpha[r];
-    out->worst_residual = fmax(out->worst_residual, solution.worst.relative);
-    return err;
+    const struct ls_calibration *cal = solver->document->calibration;
+    struct ls_lighting lighting = {.n_patches = cal->n_patches,
+                                   .n_channels = cal->n_colours,
+                                   .n_spectra = weights->n_names,
+                                   .chart = solver->chart,
+                                   .m = cal->has_m ? &cal->m[0][0] : NULL};
+    choose_solve(solver, &lighting);
+    if (lighting.mode == LS_SOLVE_SHARED && solver->n_colours == 1)
+        return ls_fail(diag, LS_ERR_UNSUPPORTED,
+                       "--solve shared: one set of strengths makes no colours of a monochrome "
+                       "camera; use --solve per-target");
+    weights->mode = lighting.mode == LS_SOLVE_SHARED ? LIGHTSTAGE__WEIGHT_MODE__SHARED
+                                                     : LIGHTSTAGE__WEIGHT_MODE__PER_TARGET;
+    return ls_lighting_solver_create(&lighting, 3, &solver->lighting, diag);
 }
 
 static enum ls_err allocate_rows(struct ls_light_weights *out, uint32_t n_rows, uint32_t n_lights,
@@ -235,22 +252,61 @@ static enum ls_err allocate_rows(struct ls_light_weights *out, uint32_t n_rows, 
     return out->rows ? LS_OK : out_of_memory(diag);
 }
 
+static enum ls_err solve_cells(const struct solver *solver, double *alpha,
+                               struct ls_cell_lighting *found, struct ls_diag *diag)
+{
+    const struct ls_environment_file *environment = solver->environment;
+    size_t n_lights = solver->document->n_lights;
+    const struct ls_spectral_chart chart = {
+        .solver = solver->lighting,
+        .reflectance = solver->reflectance,
+        .n_patches = solver->document->calibration->n_patches,
+        .reader = solver->n_colours == 1 ? solver->functionals : solver->sensitivity,
+        .n_readers = 3};
+    if (environment->lobes)
+        return ls_cell_lighting_lobes(&chart, environment->lobes, solver->cells, n_lights, alpha,
+                                      found, diag);
+    return ls_cell_lighting_map(&chart, solver->functionals, solver->cells, n_lights, alpha, found,
+                                diag);
+}
+
+static enum ls_err solve_all(struct solver *solver, struct ls_light_weights *out,
+                             struct ls_diag *diag)
+{
+    struct ls_cell_lighting found;
+    size_t outputs = ls_lighting_solver_outputs(solver->lighting);
+    size_t n_lights = solver->document->n_lights;
+    LS_CLEANUP_FREE double *alpha = calloc(n_lights * outputs, sizeof *alpha);
+    if (!alpha)
+        return out_of_memory(diag);
+    enum ls_err err = allocate_rows(out, (uint32_t)outputs, (uint32_t)n_lights, diag);
+    if (!err)
+        err = solve_cells(solver, alpha, &found, diag);
+    if (err)
+        return err;
+    for (size_t i = 0; i < n_lights; i++)
+        for (size_t r = 0; r < outputs; r++)
+            out->rows[r * n_lights + i] = (float)alpha[i * outputs + r];
+    out->solved = true;
+    out->solution = found.worst;
+    out->residual = found.residual;
+    out->unreachable = found.energy > 0 ? found.missed / found.energy : 0;
+    return LS_OK;
+}
+
 static enum ls_err make_spectral(struct solver *solver, struct ls_light_weights *out,
                                  struct ls_diag *diag)
 {
-    bool mono = solver->document->calibration->n_colours == 1;
     enum ls_err err = read_sensitivities(solver, diag);
     if (!err)
         err = choose_functionals(solver, diag);
     if (!err)
         err = read_chart(solver, out, diag);
     if (!err)
-        err = allocate_rows(out, out->n_names * (mono ? 3 : 1), solver->document->n_lights, diag);
-    out->mode = mono ? LIGHTSTAGE__WEIGHT_MODE__PER_TARGET : LIGHTSTAGE__WEIGHT_MODE__SHARED;
-    out->after_m = mono;
-    for (uint32_t i = 0; i < solver->document->n_lights && !err; i++)
-        err = solve_light(solver, i, out, diag);
-    out->unreachable = solver->energy > 0 ? solver->missed / solver->energy : 0;
+        err = factor_chart(solver, out, diag);
+    if (!err)
+        err = solve_all(solver, out, diag);
+    out->after_m = solver->n_colours == 1;
     return err;
 }
 
@@ -322,7 +378,7 @@ static enum ls_err tristimulus_of_lobes(struct solver *solver, struct ls_light_w
     out->after_m = solver->n_colours == 1;
     for (uint32_t i = 0; i < out->n_lights && !err; i++) {
         struct ls_spectrum spectrum;
-        err = cell_spectrum(solver, i, &spectrum, diag);
+        lobes_spectrum(solver, i, &spectrum);
         for (uint32_t c = 0; c < 3; c++)
             out->rows[(size_t)c * out->n_lights + i] =
                 (float)ls_spectrum_dot(&spectrum, &channels[c]);
@@ -368,15 +424,16 @@ static enum ls_err make_grey(struct solver *solver, struct ls_light_weights *out
 }
 
 enum ls_err ls_light_weights_make(const struct ls_take_document *document,
-                                  const struct ls_environment_file *environment, bool tristimulus,
-                                  double turn_deg, struct ls_light_weights *out,
-                                  struct ls_diag *diag)
+                                  const struct ls_environment_file *environment,
+                                  const struct ls_light_options *options,
+                                  struct ls_light_weights *out, struct ls_diag *diag)
 {
-    struct solver solver = {.document = document, .environment = environment};
+    struct solver solver = {.document = document, .environment = environment, .options = options};
+    bool tristimulus = options->solve == LS_LIGHT_TRISTIMULUS;
     memset(out, 0, sizeof *out);
     enum ls_err err = choose_channels(&solver, out, diag);
     if (!err)
-        err = cut_cells(&solver, turn_deg, diag);
+        err = cut_cells(&solver, diag);
     if (!err && !document->calibration && document->mono)
         err = make_grey(&solver, out, diag);
     else if (!err && (tristimulus || !document->calibration))

@@ -4,8 +4,9 @@
  *
  * Spectral (default): the environment of each light's cell as a spectrum (lobes: their own; an RGB
  * map: the smoothest non-negative spectrum that reproduces it); what a colour chart would read of it
- * through the camera; the LED strengths that give the same readings (LeGendre, Yu and Debevec,
- * Eq. 4, after M Eq. 5; a mono camera per output channel, Eq. 6).
+ * through the camera (a captured environment: what its charts did read); the LED strengths that
+ * give the same readings (LeGendre, Yu and Debevec, Eq. 4, after M Eq. 5; a mono camera per output
+ * channel, Eq. 6).
  * Tristimulus: the paper's baseline, white light weighted with the environment in camera-raw.
  */
 #ifndef LS_CLIENTS_LIGHT_WEIGHTS_H
@@ -14,28 +15,53 @@
 #include "clients/environment_file.h"
 #include "clients/take_document.h"
 #include "core/error.h"
+#include "core/lighting.h"
 #include "proto/lightstage.pb-c.h"
 
 #include <stdbool.h>
 #include <stdint.h>
+
+enum ls_light_solve {
+    LS_LIGHT_SPECTRAL, /* as the camera suggests: colour shared, mono per target */
+    LS_LIGHT_TRISTIMULUS,
+    LS_LIGHT_SHARED,     /* one set of strengths for all output channels */
+    LS_LIGHT_PER_TARGET, /* one set for each; a colour camera's are fitted in camera-raw */
+};
+
+enum ls_light_method { LS_LIGHT_METHOD_DEFAULT, LS_LIGHT_METHOD_NNLS, LS_LIGHT_METHOD_LEAST_SQUARES };
+
+struct ls_light_options {
+    enum ls_light_solve solve;
+    enum ls_light_method method;
+    bool smooth;     /* cells that overlap smoothly instead of nearest ones */
+    double turn_deg; /* the environment turned about y, right-handed */
+};
+
+/** A word of the command line: spectral, tristimulus, shared, per-target; nnls, least-squares;
+ * nearest, smooth. false: none of them. */
+bool ls_light_solve_option(const char *word, enum ls_light_solve *out);
+bool ls_light_method_option(const char *word, enum ls_light_method *out);
+bool ls_light_cells_option(const char *word, bool *smooth);
 
 struct ls_light_weights {
     Lightstage__WeightMode mode;
     uint32_t n_names;
     char *names[LS_DOCUMENT_CHANNELS]; /* point into the document */
     uint32_t n_rows, n_lights;
-    float *rows;           /* [n_rows][n_lights], radiance x sr */
-    bool after_m;          /* the picture is Rec. 709 already (mono), M is not to be applied */
-    double worst_residual; /* relative, of the solve, over the lights that matter */
-    double unreachable;    /* share of the map's energy no light can have exactly */
-    const char *warning;   /* or NULL */
+    float *rows;         /* [n_rows][n_lights], radiance x sr */
+    bool after_m;        /* the picture is Rec. 709 already (mono), M is not to be applied */
+    bool solved;         /* the following are set */
+    struct ls_lighting_solution solution; /* the worst over the lights that matter; its space */
+    double residual;     /* of all lights together, relative */
+    double unreachable;  /* share of the map's energy no light can have exactly */
+    const char *warning; /* or NULL */
 };
 
-/** @turn_deg: the environment turned about y, right-handed. Errors: LS_ERR_UNSUPPORTED (the take's
- * calibration lacks what this solve needs: says what, and what to do), those of core/solve.h. */
+/** Errors: LS_ERR_UNSUPPORTED (the take's calibration lacks what this solve needs: says what, and
+ * what to do), those of core/lighting.h. */
 LS_MUST_CHECK enum ls_err ls_light_weights_make(const struct ls_take_document *document,
                                                 const struct ls_environment_file *environment,
-                                                bool tristimulus, double turn_deg,
+                                                const struct ls_light_options *options,
                                                 struct ls_light_weights *out,
                                                 struct ls_diag *diag);
 

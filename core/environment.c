@@ -28,6 +28,39 @@ double ls_lobe_radiance(const struct ls_lobe *lobe, const double d[3])
     return lobe->radiance * exp(lobe->sharpness * (fmin(cosine, 1) - 1));
 }
 
+double ls_lobe_energy(const struct ls_lobe *lobe)
+{
+    double k = lobe->sharpness;
+    return lobe->radiance * 2 * M_PI * (k < 1e-9 ? 2 : -expm1(-2 * k) / k);
+}
+
+double ls_lobe_quantile(const struct ls_lobe *lobe, double q)
+{
+    double k = lobe->sharpness;
+    if (k < 1e-9)
+        return 2 * q;
+    double cap = k < 20 ? -expm1(-2 * k) : 1;
+    return fmin(2, -log1p(-q * cap) / k);
+}
+
+void ls_frame_about(const double z[3], double x[3], double y[3])
+{
+    int least = fabs(z[0]) < fabs(z[1]) ? 0 : 1;
+    if (fabs(z[2]) < fabs(z[least]))
+        least = 2;
+    double a[3] = {0, 0, 0};
+    a[least] = 1;
+    double along = a[0] * z[0] + a[1] * z[1] + a[2] * z[2], length;
+    for (int k = 0; k < 3; k++)
+        x[k] = a[k] - along * z[k];
+    length = sqrt(x[0] * x[0] + x[1] * x[1] + x[2] * x[2]);
+    for (int k = 0; k < 3; k++)
+        x[k] /= length;
+    y[0] = z[1] * x[2] - z[2] * x[1];
+    y[1] = z[2] * x[0] - z[0] * x[2];
+    y[2] = z[0] * x[1] - z[1] * x[0];
+}
+
 void ls_lobes_eval(const struct ls_lobes *lobes, const double d[3], struct ls_spectrum *out)
 {
     memset(out, 0, sizeof *out);
@@ -51,6 +84,23 @@ void ls_map_eval(const struct ls_map *map, const double d[3], double rgb[3])
     size_t at = (size_t)texel(v, map->height) * map->width + texel(u, map->width);
     for (int c = 0; c < 3; c++)
         rgb[c] = (double)map->rgb[3 * at + (size_t)c];
+}
+
+enum ls_err ls_map_check(const struct ls_map *map, struct ls_diag *diag)
+{
+    if (map->width < 1 || map->height < 1 || map->width > LS_MAP_MAX_SIDE ||
+        map->height > LS_MAP_MAX_SIDE)
+        return ls_fail(diag, LS_ERR_INVALID, "environment: %u x %u texels: expected 1..%d each",
+                       map->width, map->height, LS_MAP_MAX_SIDE);
+    size_t n = (size_t)map->width * map->height;
+    for (size_t i = 0; i < n; i++) {
+        const float *rgb = map->rgb + 3 * i;
+        if (!isfinite(rgb[0]) || !isfinite(rgb[1]) || !isfinite(rgb[2]))
+            return ls_fail(diag, LS_ERR_INVALID,
+                           "environment: texel (%zu, %zu) is not a finite number: repair the map",
+                           i % map->width, i / map->width);
+    }
+    return LS_OK;
 }
 
 /* --- JSON --- */

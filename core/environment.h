@@ -60,8 +60,20 @@ void ls_lobes_destroy(struct ls_lobes *lobes);
 /** radiance * exp(sharpness (d . direction - 1)), without the spectrum. @d unit. RT-safe. */
 double ls_lobe_radiance(const struct ls_lobe *lobe, const double d[3]);
 
+/** Integral of ls_lobe_radiance over the sphere, in radiance x sr. RT-safe. */
+double ls_lobe_energy(const struct ls_lobe *lobe);
+
+/** 1 - cos of the angle inside which the fraction @q in [0, 1] of a lobe's energy lies. RT-safe. */
+double ls_lobe_quantile(const struct ls_lobe *lobe, double q);
+
+/** Unit vectors @x, @y that make a right-handed frame with the unit vector @z. RT-safe. */
+void ls_frame_about(const double z[3], double x[3], double y[3]);
+
 /** Spectral radiance from direction @d (unit): the sum over lobes. RT-safe. */
 void ls_lobes_eval(const struct ls_lobes *lobes, const double d[3], struct ls_spectrum *out);
+
+/** Sizes within 1 .. LS_MAP_MAX_SIDE and every value finite? LS_ERR_INVALID names the texel. */
+LS_MUST_CHECK enum ls_err ls_map_check(const struct ls_map *map, struct ls_diag *diag);
 
 /** Radiance of the texel that holds direction @d (unit), no interpolation. RT-safe. */
 void ls_map_eval(const struct ls_map *map, const double d[3], double rgb[3]);

@@ -146,25 +146,10 @@ struct box {
     double x0, y0, x1, y1;
 };
 
-/* 1 - cos of the angle inside which the fraction @q of a lobe's energy lies */
-static double quantile(double sharpness, double q)
-{
-    if (sharpness < 1e-9)
-        return 2 * q;
-    double cap = sharpness < 20 ? -expm1(-2 * sharpness) : 1;
-    return fmin(2, -log1p(-q * cap) / sharpness);
-}
-
-static double energy(const struct ls_lobe *lobe)
-{
-    double k = lobe->sharpness;
-    return lobe->radiance * 2 * M_PI * (k < 1e-9 ? 2 : -expm1(-2 * k) / k);
-}
-
 static double polar_angle(const struct walk *walk, double y)
 {
     if (walk->lobe)
-        return 2 * asin(sqrt(0.5 * quantile(walk->lobe->sharpness, y)));
+        return 2 * asin(sqrt(0.5 * ls_lobe_quantile(walk->lobe, y)));
     return M_PI * y / walk->height;
 }
 
@@ -179,7 +164,7 @@ static void give(const struct walk *walk, const struct box *box, uint32_t site, 
 {
     double *sum = walk->per_site + (size_t)site * walk->columns;
     if (walk->lobe) {
-        sum[0] += share * energy(walk->lobe) * (box->x1 - box->x0) * (box->y1 - box->y0);
+        sum[0] += share * ls_lobe_energy(walk->lobe) * (box->x1 - box->x0) * (box->y1 - box->y0);
         return;
     }
     if (!walk->map) {
@@ -331,28 +316,11 @@ enum ls_err ls_envlights_omega(const float (*directions)[3], size_t n, double *o
     return err;
 }
 
-static enum ls_err check_map(const struct ls_map *map, struct ls_diag *diag)
-{
-    if (map->width < 1 || map->height < 1 || map->width > LS_MAP_MAX_SIDE ||
-        map->height > LS_MAP_MAX_SIDE)
-        return ls_fail(diag, LS_ERR_INVALID, "environment: %u x %u texels: expected 1..%d each",
-                       map->width, map->height, LS_MAP_MAX_SIDE);
-    size_t n = (size_t)map->width * map->height;
-    for (size_t i = 0; i < n; i++) {
-        const float *rgb = map->rgb + 3 * i;
-        if (!isfinite(rgb[0]) || !isfinite(rgb[1]) || !isfinite(rgb[2]))
-            return ls_fail(diag, LS_ERR_INVALID,
-                           "environment: texel (%zu, %zu) is not a finite number: repair the map",
-                           i % map->width, i / map->width);
-    }
-    return LS_OK;
-}
-
 enum ls_err ls_envlights_map(const float (*directions)[3], size_t n, const double *rotation,
                              const struct ls_map *map, double *weights, struct ls_diag *diag)
 {
     struct sites sites;
-    enum ls_err err = check_map(map, diag);
+    enum ls_err err = ls_map_check(map, diag);
     if (err)
         return err;
     err = sites_init(&sites, directions, n, rotation, diag);
@@ -371,28 +339,10 @@ void ls_rotation_y(double radians, double rotation[9])
 
 /* --- lobes --- */
 
-static void frame_about(const double z[3], double x[3], double y[3])
-{
-    int least = fabs(z[0]) < fabs(z[1]) ? 0 : 1;
-    if (fabs(z[2]) < fabs(z[least]))
-        least = 2;
-    double a[3] = {0, 0, 0};
-    a[least] = 1;
-    double along = dot(a, z), length;
-    for (int k = 0; k < 3; k++)
-        x[k] = a[k] - along * z[k];
-    length = sqrt(dot(x, x));
-    for (int k = 0; k < 3; k++)
-        x[k] /= length;
-    y[0] = z[1] * x[2] - z[2] * x[1];
-    y[1] = z[2] * x[0] - z[0] * x[2];
-    y[2] = z[0] * x[1] - z[1] * x[0];
-}
-
 static void into_frame(const struct sites *sites, const double pole[3], double (*d)[3])
 {
     double x[3], z[3];
-    frame_about(pole, x, z);
+    ls_frame_about(pole, x, z);
     for (size_t s = 0; s < sites->n; s++) {
         d[s][0] = dot(sites->d[s], x);
         d[s][1] = dot(sites->d[s], pole);

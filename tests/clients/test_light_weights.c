@@ -56,7 +56,9 @@ static struct ls_light_weights solve(const struct ls_take_document *document,
 {
     struct ls_light_weights weights;
     struct ls_diag diag = {0};
-    enum ls_err err = ls_light_weights_make(document, environment, tristimulus, 0, &weights, &diag);
+    const struct ls_light_options options = {.solve = tristimulus ? LS_LIGHT_TRISTIMULUS
+                                                                  : LS_LIGHT_SPECTRAL};
+    enum ls_err err = ls_light_weights_make(document, environment, &options, &weights, &diag);
     g_assert_cmpstr(diag.text, ==, "");
     g_assert_cmpint(err, ==, LS_OK);
     ls_environment_file_finish(environment);
@@ -139,7 +141,8 @@ static void a_constant_map_weights_lights_by_their_cells(void)
             g_assert_cmpfloat_with_epsilon((double)b.rows[r * TAKE_LIGHTS + i], 3 * w,
                                            1e-4 * (3 * w + 0.1));
         }
-    g_assert_cmpfloat(a.worst_residual, <, 0.5);
+    g_assert_cmpfloat(a.solution.worst.relative, <, 0.5);
+    g_assert_cmpint(a.solution.space, ==, LS_SOLVE_AFTER_M);
     ls_light_weights_finish(&a);
     ls_light_weights_finish(&b);
     ls_take_document_destroy(document);
@@ -170,7 +173,8 @@ static void without_a_calibration_the_maps_numbers_are_used(void)
         assert_row(&weights, c, document->omega_sr, 1 + c, 1e-5);
     ls_light_weights_finish(&weights);
     environment = lit_by_channel(0);
-    g_assert_cmpint(ls_light_weights_make(document, &environment, false, 0, &weights, &diag), ==,
+    const struct ls_light_options spectral = {.solve = LS_LIGHT_SPECTRAL};
+    g_assert_cmpint(ls_light_weights_make(document, &environment, &spectral, &weights, &diag), ==,
                     LS_ERR_UNSUPPORTED);
     g_assert_nonnull(strstr(diag.text, "RGB map"));
     ls_environment_file_finish(&environment);
@@ -205,8 +209,8 @@ static void direction_of_light(const struct ls_take_document *document, double t
         for (int x = 14; x < 18; x++) /* u = 1/2: the middle, behind the subject, at -z */
             for (int c = 0; c < 3; c++)
                 map.image.pixels[3 * (y * 32 + x) + c] = 1;
-    g_assert_cmpint(ls_light_weights_make(document, &map, true, turn_deg, &weights, NULL), ==,
-                    LS_OK);
+    const struct ls_light_options options = {.solve = LS_LIGHT_TRISTIMULUS, .turn_deg = turn_deg};
+    g_assert_cmpint(ls_light_weights_make(document, &map, &options, &weights, NULL), ==, LS_OK);
     for (uint32_t i = 0; i < weights.n_lights; i++)
         for (int a = 0; a < 3; a++)
             out[a] += (double)weights.rows[weights.n_lights + i] *
