@@ -22,12 +22,15 @@ static struct vec scaled(struct vec a, double s)
     return (struct vec){a.x * s, a.y * s, a.z * s};
 }
 
-static bool unit(const double v[3], struct vec *out)
+/* From @from (NULL: the origin) towards @to. */
+static bool towards(const double to[3], const double from[3], struct vec *out)
 {
-    double most = fmax(fabs(v[0]), fmax(fabs(v[1]), fabs(v[2])));
-    if (!isfinite(v[0]) || !isfinite(v[1]) || !isfinite(v[2]) || !(most > 0))
+    struct vec a = {to[0] - (from ? from[0] : 0), to[1] - (from ? from[1] : 0),
+                    to[2] - (from ? from[2] : 0)};
+    double most = fmax(fabs(a.x), fmax(fabs(a.y), fabs(a.z)));
+    if (!isfinite(a.x + a.y + a.z) || !(most > 1e-100))
         return false;
-    struct vec a = {v[0] / most, v[1] / most, v[2] / most};
+    a = scaled(a, 1 / most);
     *out = scaled(a, 1 / sqrt(dot(a, a)));
     return true;
 }
@@ -44,34 +47,34 @@ static bool across(struct vec up, struct vec ray, struct vec *out)
     return true;
 }
 
-struct path {
+struct facet {
     struct vec l, v, analyser;
     double rs, rp;
 };
 
-static void fresnel(struct path *path, double index)
+static void fresnel(struct facet *facet, double index)
 {
-    struct vec sum = {path->l.x + path->v.x, path->l.y + path->v.y, path->l.z + path->v.z};
+    struct vec sum = {facet->l.x + facet->v.x, facet->l.y + facet->v.y, facet->l.z + facet->v.z};
     double cosine = 0.5 * sqrt(dot(sum, sum));
     double inside = sqrt(1 - (1 - fmin(1, cosine * cosine)) / (index * index));
-    path->rs = (cosine - index * inside) / (cosine + index * inside);
-    path->rp = (index * cosine - inside) / (index * cosine + inside);
+    facet->rs = (cosine - index * inside) / (cosine + index * inside);
+    facet->rp = (index * cosine - inside) / (index * cosine + inside);
 }
 
 /* A of the header for light polarised along @e. With c = |l + v|^2 = 2 (1 + l.v) the half vector's
  * products are those of l + v over sqrt(c), and s = l x v over its length squared, 1 - (l.v)^2. */
-static double amplitude(const struct path *path, struct vec e)
+static double amplitude(const struct facet *facet, struct vec e)
 {
-    struct vec l = path->l, v = path->v, a = path->analyser,
+    struct vec l = facet->l, v = facet->v, a = facet->analyser,
                sum = {l.x + v.x, l.y + v.y, l.z + v.z};
     struct vec s = cross(l, v);
     double c = dot(sum, sum), sine2 = dot(s, s);
     double mirrored = dot(a, e);
     if (c > 1e-20) /* else grazing: the light goes straight on */
         mirrored -= 2 * dot(e, sum) * dot(a, sum) / c;
-    double out = -path->rp * mirrored;
+    double out = -facet->rp * mirrored;
     if (sine2 > 1e-20)
-        out += (path->rs + path->rp) * dot(e, s) * dot(a, s) / sine2;
+        out += (facet->rs + facet->rp) * dot(e, s) * dot(a, s) / sine2;
     return out;
 }
 
@@ -85,26 +88,70 @@ bool ls_polarisation_separable(struct ls_polarisation a)
     return fabs(a.v - a.h) >= LS_POLARISATION_LEAST;
 }
 
-enum ls_err ls_polarisation_reflect(const double to_light[3], const double to_camera[3],
-                                    const double camera_up[3], double index,
-                                    struct ls_polarisation *out, struct ls_diag *diag)
+enum ls_err ls_polarisation_highlight(const struct ls_polarisation_path *path, double radius_m,
+                                      double point[3], struct ls_diag *diag)
 {
-    struct path path;
-    struct vec up, vertical;
-    if (!unit(to_light, &path.l) || !unit(to_camera, &path.v) || !unit(camera_up, &up))
+    struct vec l, v;
+    point[0] = point[1] = point[2] = 0;
+    double near = fmin(hypot(hypot(path->light[0], path->light[1]), path->light[2]),
+                       hypot(hypot(path->camera[0], path->camera[1]), path->camera[2]));
+    if (!towards(path->light, NULL, &l) || !towards(path->camera, NULL, &v) || !(radius_m >= 0) ||
+        !(2 * radius_m < near))
         return ls_fail(diag, LS_ERR_INVALID,
-                       "polarisation: the directions of light, camera and camera's up: expected "
-                       "three vectors that are finite and not null");
-    if (!across(up, path.v, &path.analyser))
+                       "polarisation: a sphere of %g m, light or camera at %g m: expected both at "
+                       "least twice as far",
+                       radius_m, near);
+    for (int k = 0; k < 60; k++) { /* each step at least halves the error, as near > 2 radius */
+        struct vec h = {l.x + v.x, l.y + v.y, l.z + v.z};
+        double length = sqrt(dot(h, h));
+        if (length < 1e-3) {
+            point[0] = point[1] = point[2] = 0;
+            return LS_OK;
+        }
+        h = scaled(h, radius_m / length);
+        point[0] = h.x;
+        point[1] = h.y;
+        point[2] = h.z;
+        if (!towards(path->light, point, &l) || !towards(path->camera, point, &v))
+            return ls_fail(diag, LS_ERR_BUG, "polarisation: a highlight at its own light");
+    }
+    return LS_OK;
+}
+
+static bool facet_make(const struct ls_polarisation_path *path, const double point[3],
+                       struct facet *out)
+{
+    struct vec up;
+    return towards(path->light, point, &out->l) && towards(path->camera, point, &out->v) &&
+           towards(path->camera_up, NULL, &up) && across(up, out->v, &out->analyser);
+}
+
+/* The vertical sheet's axis, in the sheet. */
+static bool sheet_axis(const struct ls_polarisation_path *path, struct vec *out)
+{
+    struct vec aim;
+    return towards(path->light, NULL, &aim) &&
+           (across((struct vec){0, 1, 0}, aim, out) || across((struct vec){0, 0, -1}, aim, out));
+}
+
+enum ls_err ls_polarisation_reflect(const struct ls_polarisation_path *path, const double point[3],
+                                    double index, struct ls_polarisation *out, struct ls_diag *diag)
+{
+    struct facet facet;
+    struct vec axis, vertical;
+    if (!facet_make(path, point, &facet) || !sheet_axis(path, &axis) ||
+        !across(axis, facet.l, &vertical))
         return ls_fail(diag, LS_ERR_INVALID,
-                       "polarisation: the camera's up lies along its view: expected it across");
-    if (!(index > 1) || !(index < 100))
+                       "polarisation: light at (%g, %g, %g), camera at (%g, %g, %g): expected both "
+                       "away from the centre and from the point, and the camera's up across its "
+                       "view",
+                       path->light[0], path->light[1], path->light[2], path->camera[0],
+                       path->camera[1], path->camera[2]);
+    if (!(index > 1 && index < 100))
         return ls_fail(diag, LS_ERR_INVALID,
                        "polarisation: refractive index %g: expected within (1, 100)", index);
-    if (!across((struct vec){0, 1, 0}, path.l, &vertical))
-        across((struct vec){0, 0, -1}, path.l, &vertical);
-    fresnel(&path, index);
-    double v = amplitude(&path, vertical), h = amplitude(&path, cross(path.l, vertical));
+    fresnel(&facet, index);
+    double v = amplitude(&facet, vertical), h = amplitude(&facet, cross(facet.l, vertical));
     double power = v * v + h * h;
     *out = power < 1e-6 ? (struct ls_polarisation){0.5, 0.5}
                         : (struct ls_polarisation){v * v / power, h * h / power};
@@ -114,7 +161,7 @@ enum ls_err ls_polarisation_reflect(const double to_light[3], const double to_ca
 /* A highlight: a patch, a ring around it, and what was found there. */
 struct highlight {
     double x, y, radius; /* px */
-    double level;        /* least V + H of the patch */
+    double mean;         /* of V + H over its brightest 3 x 3 samples */
 };
 
 /* Sums of V, H and W over some samples. */
@@ -170,7 +217,7 @@ static bool find_peak(const struct ls_polarisation_probe *probe, struct highligh
             double mean = patch_mean(probe, x, y);
             if (mean > best) {
                 best = mean;
-                *out = (struct highlight){x + 0.5, y + 0.5, 0, mean / 4};
+                *out = (struct highlight){x + 0.5, y + 0.5, 0, mean};
             }
         }
     uint32_t wide = 0;
@@ -181,9 +228,9 @@ static bool find_peak(const struct ls_polarisation_probe *probe, struct highligh
     return best > 0;
 }
 
-/* Samples whose distance from the middle lies within [from, to) radii, brighter than @least. */
+/* Samples whose distance from the middle lies within [from, to) radii. */
 static struct tally sum_ring(const struct ls_polarisation_probe *probe, const struct highlight *at,
-                             double from, double to, double least)
+                             double from, double to)
 {
     struct tally t = {0};
     double inner = from * at->radius, outer = to * at->radius;
@@ -191,8 +238,7 @@ static struct tally sum_ring(const struct ls_polarisation_probe *probe, const st
         for (uint32_t x = 0; x < probe->width; x++) {
             size_t k = (size_t)y * probe->width + x;
             double distance = hypot(x + 0.5 - at->x, y + 0.5 - at->y);
-            if (distance >= inner && distance < outer && usable(probe, k) &&
-                (double)probe->v[k] + (double)probe->h[k] >= least)
+            if (distance >= inner && distance < outer && usable(probe, k))
                 count(probe, k, &t);
         }
     return t;
@@ -210,8 +256,8 @@ enum ls_err ls_polarisation_measure(const struct ls_polarisation_probe *probe,
                        probe->width, probe->height, probe->noise.read_variance, probe->noise.shot);
     if (!find_peak(probe, &at))
         return ls_fail(diag, LS_ERR_NOT_FOUND, "polarisation: no light on the ball");
-    struct tally in = sum_ring(probe, &at, 0, 3, at.level);
-    struct tally ring = sum_ring(probe, &at, 4, 7, -INFINITY);
+    struct tally in = sum_ring(probe, &at, 0, 3);
+    struct tally ring = sum_ring(probe, &at, 4, 7);
     if (ring.n < 8)
         return ls_fail(diag, LS_ERR_NOT_FOUND,
                        "polarisation: the highlight at (%.0f, %.0f) lies at the edge of the ball",
@@ -221,7 +267,9 @@ enum ls_err ls_polarisation_measure(const struct ls_polarisation_probe *probe,
     double total = v + h, a = v / total;
     double variance_v = in.variance_v + lost * ring.variance_v;
     double variance_h = in.variance_h + lost * ring.variance_h;
-    if (!(total > 10 * sqrt(variance_v + variance_h)))
+    double dark = (ring.v + ring.h) / ring.n;
+    double of_patch = sqrt((2 * probe->noise.read_variance + probe->noise.shot * at.mean) / 9);
+    if (!(at.mean - dark > 10 * of_patch) || !(total > 10 * sqrt(variance_v + variance_h)))
         return ls_fail(diag, LS_ERR_NOT_FOUND,
                        "polarisation: the highlight at (%.0f, %.0f) is lost in the noise", at.x,
                        at.y);

@@ -403,6 +403,24 @@ enum ls_err ls_separated_accumulate(const struct ls_separated_job *job, float *d
                                         conductor, report, diag);
 }
 
+void ls_separated_sigma(const struct ls_separated_field *field, const float *row,
+                        const float *total, size_t n, float *sigma)
+{
+    const struct ls_field_noise *noise = &field->noise;
+    double squares = 0, sum = 0, largest = 0;
+    for (uint32_t i = 0; i < field->n_lights; i++) {
+        const struct ls_split *c = &field->split[i];
+        double w = (double)row[i], v = (double)c->d_v, h = (double)c->d_h;
+        double k_v = v + (double)c->s_v, k_h = h + (double)c->s_h; /* as D + S = V + H */
+        squares += w * w * (v * v + h * h);
+        sum += w * (v + h);
+        largest = fmax(largest, w * fmax(v * v / k_v, h * h / k_h));
+    }
+    double floor_variance = noise->read_variance * squares + noise->dark_variance * sum * sum;
+    for (size_t j = 0; j < n; j++)
+        sigma[j] = (float)sqrt(floor_variance + noise->shot * largest * fmax((double)total[j], 0));
+}
+
 void ls_separated_finish(const float *diffuse, const float *specular, const float *conductor,
                          const float *ratio, const double *tint, double scale, size_t n_px,
                          uint32_t n_channels, float *out)

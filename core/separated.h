@@ -74,6 +74,16 @@ LS_MUST_CHECK enum ls_err ls_separated_accumulate(const struct ls_separated_job 
                                                   struct ls_diag *diag);
 
 /**
+ * Noise of a row's denominator sum w (D + share S) (ls_separate_remainder), for ls_promote_ratio:
+ * sigma^2 = read sum w^2 (d_v^2 + d_h^2) + dark (sum w (d_v + d_h))^2
+ * + shot max_i(w_i d_i^2 / k_i) max(total, 0), d^2/k the larger of V's and H's. @row: one row of
+ * weights >= 0; @total: that row's sums of D + S, n values. As with ls_promote_sigma, what
+ * demosaicing does to noise is not modelled, nor is the smaller noise of conductors.
+ */
+void ls_separated_sigma(const struct ls_separated_field *field, const float *row,
+                        const float *total, size_t n, float *sigma);
+
+/**
  * out += scale (ratio (diffuse + conductor) + tint (specular - conductor)), n_px pixels of
  * n_channels; one row's sums of ls_separated_accumulate. @ratio: [n_px][n_channels], or NULL for
  * the polarised white itself (ratio 1, tint unused). @conductor NULL = 0. @tint: p(s,c)/p(w,c)

@@ -13,7 +13,7 @@
 
 static const struct sim_key scene_keys[] = {
     {"scene", SIM_KEY_STRING, SIM_FIELD(struct sim_scene_config, scene),
-     "stilllife grey chrome gloss stamp replay"},
+     "stilllife grey chrome gloss highlights stamp replay"},
     {"seed", SIM_KEY_U64, SIM_RANGE(struct sim_scene_config, seed, 0, I64_MAX)},
     {"positions", SIM_KEY_PATH, SIM_FIELD(struct sim_scene_config, positions_csv)},
     {"axes", SIM_KEY_STRING, SIM_FIELD(struct sim_scene_config, axes)},

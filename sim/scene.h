@@ -10,6 +10,7 @@
  *   grey       33 % Lambertian sphere at the centre (calibration)
  *   chrome     mirror-like metal sphere at the centre
  *   gloss      black glossy dielectric sphere at the centre
+ *   highlights four spheres: red wax (coated), ochre (matte), gold and chrome (metal)
  *   stamp      every frame carries what was really in force, in its pixels (sim/stamp.h)
  *   replay     a folder of images, one per light in name order, is the truth; mono, one channel
  *

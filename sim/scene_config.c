@@ -120,15 +120,17 @@ static enum ls_err check_channels(const struct sim_scene_config *c, struct ls_di
 
 static enum ls_err check_scene(const struct sim_scene_config *c, struct ls_diag *diag)
 {
-    static const char *const scenes[] = {"stilllife", "grey", "chrome", "gloss", "stamp", "replay"};
+    static const char *const scenes[] = {"stilllife",  "grey",  "chrome", "gloss",
+                                         "highlights", "stamp", "replay"};
     for (size_t i = 0; i < sizeof scenes / sizeof *scenes; i++)
         if (!strcmp(c->scene, scenes[i]))
             return strcmp(c->scene, "replay") || c->replay_dir[0]
                        ? LS_OK
                        : ls_fail(diag, LS_ERR_INVALID, "replay_dir: expected a folder of images");
-    return ls_fail(diag, LS_ERR_INVALID,
-                   "scene: expected stilllife, grey, chrome, gloss, stamp or replay, found \"%s\"",
-                   c->scene);
+    return ls_fail(
+        diag, LS_ERR_INVALID,
+        "scene: expected stilllife, grey, chrome, gloss, highlights, stamp or replay, found \"%s\"",
+        c->scene);
 }
 
 enum ls_err sim_scene_config_check(const struct sim_scene_config *c, struct ls_diag *diag)

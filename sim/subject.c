@@ -167,6 +167,15 @@ static void build_stilllife(struct sim_subject *s)
     add_box(s, sim_vec(-0.17, floor_y, 0.20), 0.03, 0.085, 0.45, wax, SIM_MAT_WAX);
 }
 
+/* Materials whose highlights differ, side by side. */
+static void build_highlights(struct sim_subject *s)
+{
+    add_sphere(s, sim_vec(-0.055, 0.055, 0), 0.05, SIM_COATED, 0.20f, SIM_MAT_RED_WAX);
+    add_sphere(s, sim_vec(0.055, 0.055, 0), 0.05, SIM_MATTE, 0, SIM_MAT_OCHRE);
+    add_sphere(s, sim_vec(-0.055, -0.055, 0), 0.05, SIM_METAL, 0.25f, SIM_MAT_GOLD);
+    add_sphere(s, sim_vec(0.055, -0.055, 0), 0.05, SIM_METAL, 0.25f, SIM_MAT_CHROME);
+}
+
 static void number_nodes(struct sim_subject *s)
 {
     for (uint32_t i = 0; i < s->n_surfaces; i++) {
@@ -203,6 +212,8 @@ void sim_subject_build(const char *scene, double r, struct sim_subject *s)
         add_sphere(s, centre, r, SIM_METAL, 0.05f, SIM_MAT_CHROME);
     else if (!strcmp(scene, "gloss"))
         add_sphere(s, centre, r, SIM_COATED, 0.08f, SIM_MAT_BLACK_GLASS);
+    else if (!strcmp(scene, "highlights"))
+        build_highlights(s);
 }
 
 static uint16_t grid_surface(const struct sim_dress *dress, float *u, float *v)
