@@ -1,42 +1,40 @@
 #include "core/demosaic.h"
 
-#include <stdbool.h>
+#include "core/demosaic_lanes.h"
+#include "core/half_kernels.h"
+
 #include <string.h>
 
-/*
- * The gradient-corrected filters. Let C be the known sample, N S W E its neighbours, NN .. EE the
- * next of the same colour, X the sum of the four diagonal ones. Each missing colour is its bilinear
- * value plus a gain times a second derivative of the known colour, which is 0 on any ramp:
- *
- *   green at red or blue:    (N+S+W+E)/4 + a L4,  L4 = C - (NN+SS+WW+EE)/4
- *   blue at red, red at blue:  X/4       + c L4
- *   red or blue at green, its own row: (W+E)/2 + b L9, L9 = C - (X+WW+EE)/5 + (NN+SS)/10
- *                         its own column: the same turned by a quarter.
- *
- * L9 weighs the greens of the cell so that 1 - 6/5 + 2/10 = 0. The gains minimise the mean square
- * error over natural pictures, rounded to eighths by the paper: a = 1/2, b = 5/8, c = 3/4. In
- * eighths:
- *
- *   green at red:  4 C + 2 (N+S+W+E) -     (NN+SS+WW+EE)
- *   blue at red:   6 C + 2 X         - 3/2 (NN+SS+WW+EE)
- *   red at green:  5 C + 4 (W+E) - X - (WW+EE) + 1/2 (NN+SS)
- *
- * Each row sums to 8, so a constant is kept.
- */
-
-enum { HALO = LS_DEMOSAIC_HALO, ROWS = 2 * HALO + 1, CHUNK = 256, HALF = CHUNK / 2 + HALO };
-
-/* Five mirrored rows around an output row, their even and odd columns apart: the sites of a colour
- * and their neighbours then lie side by side. */
-struct lines {
-    float side[2][ROWS][HALF];
+/* A region passes in strips of STRIP columns, top to bottom, so that a row is loaded once for the
+ * five output rows that read it and stays in a near cache. */
+enum {
+    HALO = LS_DEMOSAIC_HALO,
+    ROWS = LS_DEMOSAIC_ROWS,
+    STRIP = 2048,
+    STRIDE = STRIP + 2 * HALO + LS_DEMOSAIC_SLACK,
 };
 
-/* What the filters make of the even or the odd sites of a row: the known colour, the one that its
- * row has too, the one of the column alone. At red and blue sites "row" is green and "column" the
- * opposite colour. */
-struct sites {
-    float known[HALF], row[HALF], column[HALF];
+static void line_c(const struct ls_demosaic_line *l)
+{
+    demosaic_line(l);
+}
+
+const struct ls_demosaic_kernels ls_demosaic_kernels_c = {line_c};
+
+const struct ls_demosaic_kernels *ls_demosaic_kernels(enum ls_isa isa)
+{
+    return LS_ISA_PICK(isa, &ls_demosaic_kernels_c, &ls_demosaic_kernels_avx2,
+                       &ls_demosaic_kernels_avx512);
+}
+
+/* What is the same for every row. */
+struct job {
+    const struct ls_demosaic_source *source;
+    const struct ls_demosaic_target *target;
+    const struct ls_half_kernels *half;
+    const struct ls_demosaic_kernels *kernels;
+    struct ls_demosaic_region region;
+    enum ls_demosaic_filter filter;
 };
 
 static uint32_t mirror(int64_t i, uint32_t n)
@@ -48,100 +46,71 @@ static uint32_t mirror(int64_t i, uint32_t n)
     return (uint32_t)i;
 }
 
-static void load_row(const struct ls_demosaic_source *s, uint32_t x, uint32_t n, uint32_t y,
-                     uint32_t k, struct lines *l)
+/* The sample at column x, mirrored, of the row that begins at sample @row of the source. */
+static float sample(const struct ls_demosaic_source *s, size_t row, int64_t x)
 {
-    const float *row = s->data + (size_t)(y - s->window.y) * s->stride;
-    uint32_t first = x < HALO ? HALO - x : 0, end = n + 2 * HALO; /* of what lies in the image */
+    size_t k = row + (mirror(x, s->image_width) - s->window.x);
+    return s->half ? ls_half_to_float(s->half[k]) : s->data[k];
+}
+
+/* Pixels [x - HALO, x + n + HALO) of a row, and zeros after them. */
+static void load_row(const struct job *job, uint32_t x, uint32_t n, int64_t y, float line[STRIDE])
+{
+    const struct ls_demosaic_source *s = job->source;
+    size_t row = (size_t)(mirror(y, s->image_height) - s->window.y) * s->stride;
+    uint32_t end = n + 2 * HALO, first = x < HALO ? HALO - x : 0; /* of what lies in the image */
     uint32_t inside = s->image_width + HALO - x < end ? s->image_width + HALO - x : end;
-    float line[2 * HALF];
+    size_t from = row + (x + first - HALO - s->window.x);
 
-    memcpy(line + first, row + (x + first - HALO - s->window.x), (inside - first) * sizeof *line);
     for (uint32_t i = 0; i < first; i++)
-        line[i] = row[mirror((int64_t)x + i - HALO, s->image_width) - s->window.x];
+        line[i] = sample(s, row, (int64_t)x + i - HALO);
+    if (s->half)
+        job->half->to_floats(s->half + from, line + first, inside - first);
+    else
+        memcpy(line + first, s->data + from, (inside - first) * sizeof *line);
     for (uint32_t i = inside; i < end; i++)
-        line[i] = row[mirror((int64_t)x + i - HALO, s->image_width) - s->window.x];
-    for (uint32_t i = 0; i < (end + 1) / 2; i++) {
-        l->side[0][k][i] = line[2 * i];
-        l->side[1][k][i] = line[2 * i + 1];
-    }
+        line[i] = sample(s, row, (int64_t)x + i - HALO);
+    memset(line + end, 0, LS_DEMOSAIC_SLACK * sizeof *line);
 }
 
-/* Site m of a side is its sample m + 1; to its left and right are samples m + side and m + side + 1
- * of the other one. */
-static void green_sites(const struct lines *restrict l, uint32_t side, uint32_t n, bool gradient,
-                        struct sites *restrict out)
+static bool is_woven(const struct ls_demosaic_target *t)
 {
-    const float(*own)[HALF] = l->side[side], (*other)[HALF] = l->side[1 - side];
-    for (uint32_t m = 0; m < n; m++) {
-        uint32_t left = m + side, right = left + 1;
-        float c = own[2][m + 1];
-        float h = other[2][left] + other[2][right], v = own[1][m + 1] + own[3][m + 1];
-        float x = (other[1][left] + other[1][right]) + (other[3][left] + other[3][right]);
-        float hh = own[2][m] + own[2][m + 2], vv = own[0][m + 1] + own[4][m + 1];
-        out->known[m] = c;
-        out->row[m] = gradient ? (5 * c + 4 * h - x - hh + 0.5f * vv) * 0.125f : h * 0.5f;
-        out->column[m] = gradient ? (5 * c + 4 * v - x - vv + 0.5f * hh) * 0.125f : v * 0.5f;
-    }
+    return t->pixel_step == 3;
 }
 
-static void colour_sites(const struct lines *restrict l, uint32_t side, uint32_t n, bool gradient,
-                         struct sites *restrict out)
+static void place(const struct job *job, uint32_t column, uint32_t row,
+                  struct ls_demosaic_line *line)
 {
-    const float(*own)[HALF] = l->side[side], (*other)[HALF] = l->side[1 - side];
-    for (uint32_t m = 0; m < n; m++) {
-        uint32_t left = m + side, right = left + 1;
-        float c = own[2][m + 1];
-        float near = (own[1][m + 1] + own[3][m + 1]) + (other[2][left] + other[2][right]);
-        float x = (other[1][left] + other[1][right]) + (other[3][left] + other[3][right]);
-        float far = (own[2][m] + own[2][m + 2]) + (own[0][m + 1] + own[4][m + 1]);
-        out->known[m] = c;
-        out->row[m] = gradient ? (4 * c + 2 * near - far) * 0.125f : near * 0.25f;
-        out->column[m] = gradient ? (6 * c + 2 * x - 1.5f * far) * 0.125f : x * 0.25f;
-    }
+    const struct ls_demosaic_target *t = job->target;
+    size_t at = row * t->row_step + column * t->pixel_step;
+
+    for (int c = 0; c < 3; c++)
+        line->plane[c] = t->half[0] ? (void *)(t->half[c] + at) : (void *)(t->plane[c] + at);
 }
 
-/* One row of a plane from its even and odd sites. */
-static void weave(const float *restrict even, const float *restrict odd, uint32_t n,
-                  float *restrict plane, size_t step)
+/* Columns [at, at + n) of the region. */
+static void demosaic_strip(const struct job *job, uint32_t at, uint32_t n)
 {
-    for (uint32_t m = 0; step == 1 && m < n / 2; m++) {
-        plane[2 * m] = even[m];
-        plane[2 * m + 1] = odd[m];
+    const struct ls_demosaic_region *r = &job->region;
+    enum ls_cfa cfa = job->source->cfa;
+    float ring[ROWS][STRIDE];
+    uint32_t x = r->x + at;
+    struct ls_demosaic_line line = {.n = n, .filter = job->filter};
+
+    line.form = job->target->half[0] ? LS_DEMOSAIC_HALF_PLANES : LS_DEMOSAIC_PLANES;
+    line.form += is_woven(job->target);
+    for (uint32_t k = 0; k + 1 < ROWS; k++)
+        load_row(job, x, n, (int64_t)r->y + k - HALO, ring[k]);
+    for (uint32_t j = 0; j < r->height; j++) {
+        uint32_t y = r->y + j;
+        load_row(job, x, n, (int64_t)y + HALO, ring[(j + ROWS - 1) % ROWS]);
+        for (uint32_t k = 0; k < ROWS; k++)
+            line.row[k] = ring[(j + k) % ROWS] + HALO;
+        line.green_first = ls_cfa_channel(cfa, x, y) == 1;
+        line.red_row = ls_cfa_channel(cfa, x + line.green_first, y) == 0;
+        place(job, at, j, &line);
+        job->kernels->line(&line);
     }
-    for (uint32_t m = 0; step != 1 && m < n / 2; m++) {
-        plane[2 * m * step] = even[m];
-        plane[(2 * m + 1) * step] = odd[m];
-    }
-    if (n % 2)
-        plane[(n - 1) * step] = even[n / 2];
-}
-
-static void demosaic_row(const struct lines *l, enum ls_cfa cfa, uint32_t x, uint32_t y, uint32_t n,
-                         bool gradient, float *const plane[3], size_t step)
-{
-    uint32_t green = ls_cfa_channel(cfa, x, y) == 1 ? 0 : 1, colour = 1 - green;
-    unsigned own = ls_cfa_channel(cfa, x + colour, y);
-    struct sites site[2]; /* even, odd */
-    const struct sites *g = &site[green], *c = &site[colour];
-
-    green_sites(l, green, (n + 1 - green) / 2, gradient, &site[green]);
-    colour_sites(l, colour, (n + 1 - colour) / 2, gradient, &site[colour]);
-    const float *part[2][3]; /* of the even and odd sites, by colour */
-    part[green][1] = g->known;
-    part[green][own] = g->row;
-    part[green][2 - own] = g->column;
-    part[colour][1] = c->row;
-    part[colour][own] = c->known;
-    part[colour][2 - own] = c->column;
-    for (int k = 0; k < 3; k++)
-        weave(part[0][k], part[1][k], n, plane[k], step);
-}
-
-static void copy_row(const struct lines *l, uint32_t n, float *const plane[3], size_t step)
-{
-    for (int k = 0; k < 3; k++)
-        weave(&l->side[0][HALO][HALO / 2], &l->side[1][HALO][HALO / 2], n, plane[k], step);
 }
 
 static bool inside(struct ls_demosaic_region inner, struct ls_demosaic_region outer)
@@ -162,30 +131,39 @@ struct ls_demosaic_region ls_demosaic_needs(struct ls_demosaic_region r, uint32_
     return (struct ls_demosaic_region){x0, y0, (uint32_t)(x1 - x0), (uint32_t)(y1 - y0)};
 }
 
+/* One place to read from, one form to write. */
+static bool is_clear(const struct ls_demosaic_source *s, const struct ls_demosaic_target *t)
+{
+    bool woven = t->half[0] ? t->half[1] == t->half[0] + 1 && t->half[2] == t->half[0] + 2
+                            : t->plane[1] == t->plane[0] + 1 && t->plane[2] == t->plane[0] + 2;
+    return !s->data != !s->half && !t->plane[0] != !t->half[0] &&
+           (is_woven(t) ? woven : t->pixel_step == 1);
+}
+
+enum ls_err ls_demosaic_with(enum ls_isa isa, const struct ls_demosaic_source *source,
+                             struct ls_demosaic_region region, enum ls_demosaic_method method,
+                             const struct ls_demosaic_target *target)
+{
+    struct ls_demosaic_region image = {0, 0, source->image_width, source->image_height};
+    struct job job = {.source = source,
+                      .target = target,
+                      .half = ls_half_kernels(isa),
+                      .kernels = ls_demosaic_kernels(isa),
+                      .region = region,
+                      .filter = source->cfa == LS_CFA_NONE       ? LS_DEMOSAIC_FILTER_COPY
+                                : method == LS_DEMOSAIC_GRADIENT ? LS_DEMOSAIC_FILTER_GRADIENT
+                                                                 : LS_DEMOSAIC_FILTER_BILINEAR};
+
+    if (!is_clear(source, target) || !inside(region, image) || !inside(source->window, image) ||
+        !inside(ls_demosaic_needs(region, image.width, image.height), source->window))
+        return LS_ERR_INVALID;
+    for (uint32_t at = 0; at < region.width; at += STRIP)
+        demosaic_strip(&job, at, region.width - at < STRIP ? region.width - at : STRIP);
+    return LS_OK;
+}
+
 enum ls_err ls_demosaic(const struct ls_demosaic_source *source, struct ls_demosaic_region region,
                         enum ls_demosaic_method method, const struct ls_demosaic_target *target)
 {
-    struct ls_demosaic_region image = {0, 0, source->image_width, source->image_height};
-
-    if (!inside(region, image) || !inside(source->window, image) ||
-        !inside(ls_demosaic_needs(region, image.width, image.height), source->window))
-        return LS_ERR_INVALID;
-    for (uint32_t j = 0; j < region.height; j++) {
-        for (uint32_t at = 0; at < region.width; at += CHUNK) {
-            struct lines l;
-            uint32_t n = region.width - at < CHUNK ? region.width - at : CHUNK;
-            uint32_t x = region.x + at, y = region.y + j;
-            size_t to = j * target->row_step + at * target->pixel_step;
-            float *const plane[3] = {target->plane[0] + to, target->plane[1] + to,
-                                     target->plane[2] + to};
-            for (uint32_t k = 0; k < ROWS; k++)
-                load_row(source, x, n, mirror((int64_t)y + k - HALO, image.height), k, &l);
-            if (source->cfa == LS_CFA_NONE)
-                copy_row(&l, n, plane, target->pixel_step);
-            else
-                demosaic_row(&l, source->cfa, x, y, n, method == LS_DEMOSAIC_GRADIENT, plane,
-                             target->pixel_step);
-        }
-    }
-    return LS_OK;
+    return ls_demosaic_with(ls_cpu_isa(), source, region, method, target);
 }

@@ -56,6 +56,11 @@ LANES_INLINE void lanes_store(float *p, floats v)
     memcpy(p, &v, sizeof v);
 }
 
+LANES_INLINE void lanes_store_half(uint16_t *p, halves v)
+{
+    memcpy(p, &v, sizeof v);
+}
+
 /* a where the mask is set, else 0. */
 LANES_INLINE floats lanes_keep(ints mask, floats a)
 {
@@ -112,6 +117,13 @@ LANES_INLINE floats lanes_positive(floats a)
     return (floats)_mm512_max_ps((__m512)a, _mm512_setzero_ps());
 }
 
+/* Into the range of half; NaN stays. */
+LANES_INLINE floats lanes_clamp_half(floats a)
+{
+    __m512 low = _mm512_min_ps(_mm512_set1_ps(LS_HALF_MAX), (__m512)a);
+    return (floats)_mm512_max_ps(_mm512_set1_ps(-LS_HALF_MAX), low);
+}
+
 /* Column 3 i mod 16 of a woven triple belongs to pixel i of its colour: one permutation per colour
  * puts every value in its column, and three blends pick who owns which. */
 #define WEAVE_OF(a, k)                                                                        \
@@ -165,6 +177,12 @@ LANES_INLINE floats lanes_positive(floats a)
     return (floats)_mm256_max_ps((__m256)a, _mm256_setzero_ps());
 }
 
+LANES_INLINE floats lanes_clamp_half(floats a)
+{
+    __m256 low = _mm256_min_ps(_mm256_set1_ps(LS_HALF_MAX), (__m256)a);
+    return (floats)_mm256_max_ps(_mm256_set1_ps(-LS_HALF_MAX), low);
+}
+
 #define WEAVE_OF(a, k)                                                                \
     __builtin_shufflevector(a, a, (8 - k) * 3 % 8, (9 - k) * 3 % 8, (10 - k) * 3 % 8, \
                             (11 - k) * 3 % 8, (12 - k) * 3 % 8, (13 - k) * 3 % 8,     \
@@ -213,6 +231,12 @@ LANES_INLINE bool lanes_are_all_set(ints mask)
 LANES_INLINE floats lanes_positive(floats a)
 {
     return lanes_keep(a > 0, a);
+}
+
+LANES_INLINE floats lanes_clamp_half(floats a)
+{
+    a = lanes_select(a > LS_HALF_MAX, lanes_all(LS_HALF_MAX), a);
+    return lanes_select(a < -LS_HALF_MAX, lanes_all(-LS_HALF_MAX), a);
 }
 
 #define WEAVE_OF(a, k)                                                               \

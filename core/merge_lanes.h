@@ -171,8 +171,7 @@ LANES_INLINE void put_half(const struct model_lanes *c, uint16_t *half, struct m
         v = lanes_select(fits, v, lanes_keep(v == v, edge));
         out->validity = (out->validity & fits) | (LS_VALIDITY_SATURATED & ~fits);
     }
-    halves h = lanes_to_half(v);
-    memcpy(half, &h, sizeof h);
+    lanes_store_half(half, lanes_to_half(v));
 }
 
 LANES_INLINE void put(const struct ls_merge_model *m, const struct model_lanes *c,

@@ -1,5 +1,8 @@
-#include "core/demosaic.h"
+#include "core/demosaic_kernels.h"
 
+#include "core/half.h"
+
+#include "tests/core/isas.h"
 #include "tests/core/noise.h"
 
 #include <glib.h>
@@ -14,11 +17,12 @@ struct picture {
     enum ls_cfa cfa;
     size_t n;
     float *mosaic, *rgb;
+    enum ls_isa isa; /* the processor's best, unless a test says otherwise */
 };
 
 static struct picture picture_new(uint32_t width, uint32_t height, enum ls_cfa cfa)
 {
-    struct picture p = {width, height, cfa, (size_t)width * height, NULL, NULL};
+    struct picture p = {width, height, cfa, (size_t)width * height, NULL, NULL, ls_cpu_isa()};
     p.mosaic = g_new0(float, p.n);
     p.rgb = g_new0(float, 3 * p.n);
     return p;
@@ -35,7 +39,7 @@ static void demosaic(struct picture *p, enum ls_demosaic_method method)
     struct ls_demosaic_region all = {0, 0, p->width, p->height};
     struct ls_demosaic_source s = {p->mosaic, p->width, all, p->width, p->height, p->cfa};
     struct ls_demosaic_target t = {{p->rgb, p->rgb + p->n, p->rgb + 2 * p->n}, 1, p->width};
-    g_assert_cmpint(ls_demosaic(&s, all, method, &t), ==, LS_OK);
+    g_assert_cmpint(ls_demosaic_with(p->isa, &s, all, method, &t), ==, LS_OK);
 }
 
 static float at(const struct picture *p, unsigned c, uint32_t x, uint32_t y)
@@ -170,36 +174,168 @@ static double table(const struct picture *p, const int k[25], int turned, uint32
     return sum;
 }
 
-static double expected(const struct picture *p, unsigned c, uint32_t x, uint32_t y)
+static const int cross[25] = {0, 0, 0, 0, 0, 0, 0, 4, 0, 0, 0, 4, 0,
+                              4, 0, 0, 0, 4, 0, 0, 0, 0, 0, 0, 0};
+static const int pair[25] = {[11] = 8, [13] = 8};
+static const int corners[25] = {[6] = 4, [8] = 4, [16] = 4, [18] = 4};
+
+static double expected(const struct picture *p, enum ls_demosaic_method method, unsigned c,
+                       uint32_t x, uint32_t y)
 {
+    bool gradient = method == LS_DEMOSAIC_GRADIENT;
     unsigned own = ls_cfa_channel(p->cfa, x, y);
 
     if (c == own)
         return p->mosaic[(size_t)y * p->width + x];
     if (c == 1)
-        return table(p, green_at_colour, 0, x, y);
+        return table(p, gradient ? green_at_colour : cross, 0, x, y);
     if (own != 1)
-        return table(p, opposite, 0, x, y);
-    return table(p, same_row, ls_cfa_channel(p->cfa, x + 1, y) != c, x, y);
+        return table(p, gradient ? opposite : corners, 0, x, y);
+    return table(p, gradient ? same_row : pair, ls_cfa_channel(p->cfa, x + 1, y) != c, x, y);
 }
 
-static void test_tables(void)
+static void check_tables(const struct picture *p, enum ls_demosaic_method method)
+{
+    for (unsigned c = 0; c < 3; c++)
+        for (uint32_t y = 0; y < p->height; y++)
+            for (uint32_t x = 0; x < p->width; x++)
+                /* 2e-6 of the largest sample, about 4 sigma. */
+                g_assert_cmpfloat(fabs(at(p, c, x, y) - expected(p, method, c, x, y)), <, 8e-6);
+}
+
+static void test_tables(const void *data)
 {
     enum { SEED = 31 };
     struct noise noise = {SEED};
 
     g_test_message("seed %d", SEED);
-    for (int cfa = LS_CFA_RGGB; cfa <= LS_CFA_BGGR; cfa++) {
-        struct picture p = picture_new(19, 13, (enum ls_cfa)cfa);
-        randomise(&p, &noise);
-        demosaic(&p, LS_DEMOSAIC_GRADIENT);
-        for (unsigned c = 0; c < 3; c++)
-            for (uint32_t y = 0; y < p.height; y++)
-                for (uint32_t x = 0; x < p.width; x++)
-                    /* 2e-6 of the largest sample, about 4 sigma. */
-                    g_assert_cmpfloat(fabs(at(&p, c, x, y) - expected(&p, c, x, y)), <, 8e-6);
-        picture_finish(&p);
+    for (int cfa = LS_CFA_RGGB; cfa <= LS_CFA_BGGR; cfa++)
+        for (int m = 0; m < 2; m++)
+            for (uint32_t width = 3; width < 60; width += 5) {
+                struct picture p = picture_new(width, 13, (enum ls_cfa)cfa);
+                p.isa = isas_of(data);
+                randomise(&p, &noise);
+                demosaic(&p, methods[m]);
+                check_tables(&p, methods[m]);
+                picture_finish(&p);
+            }
+}
+
+/* Where RGB goes in each of the four forms, one element off alignment. */
+static struct ls_demosaic_target target_in(const struct picture *p, bool half, bool woven,
+                                           void *memory)
+{
+    struct ls_demosaic_target t = {.pixel_step = woven ? 3 : 1,
+                                   .row_step = (woven ? 3 : 1) * (size_t)p->width};
+    for (size_t c = 0; c < 3; c++) {
+        size_t first = 1 + (woven ? c : c * p->n);
+        t.plane[c] = half ? NULL : (float *)memory + first;
+        t.half[c] = half ? (uint16_t *)memory + first : NULL;
     }
+    return t;
+}
+
+static size_t place_of(const struct picture *p, bool woven, unsigned c, size_t k)
+{
+    return 1 + (woven ? 3 * k + c : c * p->n + k);
+}
+
+/* A half as it is stored of a demosaiced value. */
+static uint16_t stored(float v)
+{
+    return ls_half_from_float(v > LS_HALF_MAX ? LS_HALF_MAX : v < -LS_HALF_MAX ? -LS_HALF_MAX : v);
+}
+
+static void check_halves(const struct picture *p, const uint16_t *mosaic,
+                         enum ls_demosaic_method method, bool woven)
+{
+    struct ls_demosaic_region all = {0, 0, p->width, p->height};
+    struct ls_demosaic_source s = {.half = mosaic,
+                                   .stride = p->width,
+                                   .window = all,
+                                   .image_width = p->width,
+                                   .image_height = p->height,
+                                   .cfa = p->cfa};
+    g_autofree uint16_t *out = g_new0(uint16_t, 3 * p->n + 2);
+    struct ls_demosaic_target t = target_in(p, true, woven, out);
+
+    g_assert_cmpint(ls_demosaic_with(p->isa, &s, all, method, &t), ==, LS_OK);
+    for (unsigned c = 0; c < 3; c++)
+        for (size_t k = 0; k < p->n; k++) {
+            float v = p->rgb[c * p->n + k];
+            uint16_t got = out[place_of(p, woven, c, k)];
+            if (isnan(v))
+                g_assert_true(isnan(ls_half_to_float(got)));
+            else
+                g_assert_cmphex(got, ==, stored(v));
+        }
+    g_assert_cmphex(out[0] | out[3 * p->n + 1], ==, 0);
+}
+
+/* Every stored half: zeros, denormals, the largest, infinities and NaNs beside ordinary values. */
+static uint16_t any_half(struct noise *noise, int round)
+{
+    uint16_t bits = (uint16_t)noise_bits(noise);
+    return round == 0 ? bits : round == 1 ? bits & 0x83ff : (bits & 0x8000) | 0x7bff;
+}
+
+static void test_halves(const void *data)
+{
+    enum { SEED = 34 };
+    struct noise noise = {SEED};
+    static const uint32_t sizes[][2] = {{1, 1}, {2, 3}, {7, 5}, {16, 2}, {33, 4}, {67, 3}};
+
+    g_test_message("seed %d", SEED);
+    for (int cfa = LS_CFA_NONE; cfa <= LS_CFA_BGGR; cfa++)
+        for (size_t i = 0; i < G_N_ELEMENTS(sizes) * 3; i++) {
+            const uint32_t *size = sizes[i / 3];
+            struct picture p = picture_new(size[0], size[1], (enum ls_cfa)cfa);
+            g_autofree uint16_t *mosaic = g_new(uint16_t, p.n);
+            p.isa = isas_of(data);
+            for (size_t k = 0; k < p.n; k++) {
+                mosaic[k] = any_half(&noise, (int)i % 3);
+                p.mosaic[k] = ls_half_to_float(mosaic[k]);
+            }
+            for (int m = 0; m < 2; m++) {
+                demosaic(&p, methods[m]);
+                for (size_t k = 0; i % 3 && k < 3 * p.n; k++)
+                    g_assert_true(isfinite(p.rgb[k]));
+                check_halves(&p, mosaic, methods[m], false);
+                check_halves(&p, mosaic, methods[m], true);
+            }
+            picture_finish(&p);
+        }
+}
+
+/* Planes and woven, against the C instance; samples across all of float's range. */
+static void test_same_bits(const void *data)
+{
+    enum { SEED = 35 };
+    struct noise noise = {SEED};
+
+    g_test_message("seed %d", SEED);
+    for (int cfa = LS_CFA_NONE; cfa <= LS_CFA_BGGR; cfa++)
+        for (uint32_t width = 1; width < 70; width += 3) {
+            struct picture p = picture_new(width, 4, (enum ls_cfa)cfa);
+            struct ls_demosaic_region all = {0, 0, p.width, p.height};
+            struct ls_demosaic_source s = {p.mosaic, p.width, all, p.width, p.height, p.cfa, NULL};
+            g_autofree float *out = g_new0(float, 3 * p.n + 2);
+            for (size_t k = 0; k < p.n; k++)
+                p.mosaic[k] =
+                    ldexpf((float)noise_normal(&noise), (int)(noise_bits(&noise) % 255) - 155);
+            for (int m = 0; m < 4; m++) {
+                struct ls_demosaic_target t = target_in(&p, false, m & 1, out);
+                p.isa = LS_ISA_C;
+                demosaic(&p, methods[m / 2]);
+                g_assert_cmpint(ls_demosaic_with(isas_of(data), &s, all, methods[m / 2], &t), ==,
+                                LS_OK);
+                for (unsigned c = 0; c < 3; c++)
+                    for (size_t k = 0; k < p.n; k++)
+                        g_assert_cmpmem(&out[place_of(&p, m & 1, c, k)], 4, &p.rgb[c * p.n + k], 4);
+                g_assert_true(out[0] == 0 && out[3 * p.n + 1] == 0);
+            }
+            picture_finish(&p);
+        }
 }
 
 /* Demosaic a region from a buffer that holds nothing but what it needs; the rest of the buffer is
@@ -218,7 +354,8 @@ static void check_crop(const struct picture *p, struct ls_demosaic_region r,
     for (uint32_t y = 0; y < need.height; y++)
         memcpy(window + y * stride, p->mosaic + (size_t)(need.y + y) * p->width + need.x,
                need.width * sizeof *window);
-    g_assert_cmpint(ls_demosaic(&s, r, method, interleaved ? &mixed : &planar), ==, LS_OK);
+    g_assert_cmpint(ls_demosaic_with(p->isa, &s, r, method, interleaved ? &mixed : &planar), ==,
+                    LS_OK);
     for (unsigned c = 0; c < 3; c++)
         for (uint32_t y = 0; y < r.height; y++)
             for (uint32_t x = 0; x < r.width; x++) {
@@ -229,10 +366,12 @@ static void check_crop(const struct picture *p, struct ls_demosaic_region r,
             }
 }
 
-static void check_crops(uint32_t width, uint32_t height, enum ls_cfa cfa, struct noise *noise)
+static void check_crops(enum ls_isa isa, uint32_t width, uint32_t height, enum ls_cfa cfa,
+                        struct noise *noise)
 {
     struct picture p = picture_new(width, height, cfa);
 
+    p.isa = isa;
     randomise(&p, noise);
     for (int m = 0; m < 2; m++) {
         demosaic(&p, methods[m]);
@@ -248,7 +387,7 @@ static void check_crops(uint32_t width, uint32_t height, enum ls_cfa cfa, struct
     picture_finish(&p);
 }
 
-static void test_crops(void)
+static void test_crops(const void *data)
 {
     enum { SEED = 32 };
     struct noise noise = {SEED};
@@ -257,12 +396,13 @@ static void test_crops(void)
     g_test_message("seed %d", SEED);
     for (int cfa = LS_CFA_NONE; cfa <= LS_CFA_BGGR; cfa++) {
         for (size_t k = 0; k < G_N_ELEMENTS(sizes); k++)
-            check_crops(sizes[k][0], sizes[k][1], (enum ls_cfa)cfa, &noise);
-        struct picture p = picture_new(1100, 3, (enum ls_cfa)cfa); /* wider than a chunk */
+            check_crops(isas_of(data), sizes[k][0], sizes[k][1], (enum ls_cfa)cfa, &noise);
+        struct picture p = picture_new(4300, 3, (enum ls_cfa)cfa); /* wider than two strips */
+        p.isa = isas_of(data);
         randomise(&p, &noise);
         demosaic(&p, LS_DEMOSAIC_GRADIENT);
         for (uint32_t x = 250; x < 262; x++)
-            check_crop(&p, (struct ls_demosaic_region){x, 0, 600, 3}, LS_DEMOSAIC_GRADIENT, 0);
+            check_crop(&p, (struct ls_demosaic_region){x, 0, 3000, 3}, LS_DEMOSAIC_GRADIENT, 0);
         picture_finish(&p);
     }
 }
@@ -290,6 +430,12 @@ static void test_refusals(void)
                     LS_ERR_INVALID);
     g_assert_cmpint(ls_demosaic(&s, (struct ls_demosaic_region){UINT32_MAX, 0, 2, 1}, 0, &t), ==,
                     LS_ERR_INVALID);
+    s.half = (const uint16_t *)out; /* floats and halves at once */
+    g_assert_cmpint(ls_demosaic(&s, s.window, 0, &t), ==, LS_ERR_INVALID);
+    s.half = NULL;
+    t.half[0] = (uint16_t *)out;
+    g_assert_cmpint(ls_demosaic(&s, s.window, 0, &t), ==, LS_ERR_INVALID);
+    t.half[0] = NULL;
     s.window = (struct ls_demosaic_region){2, 2, 4, 4}; /* no halo on the left */
     g_assert_cmpint(ls_demosaic(&s, (struct ls_demosaic_region){3, 4, 1, 1}, 0, &t), ==,
                     LS_ERR_INVALID);
@@ -404,8 +550,10 @@ int main(int argc, char **argv)
     g_test_add_func("/demosaic/constants-and-ramps-are-kept-in-every-phase", test_flat_and_ramp);
     g_test_add_func("/demosaic/gradient-halves-the-error-of-bilinear", test_gradient_is_sharper);
     g_test_add_func("/demosaic/red-stays-red-and-a-swapped-cfa-shows", test_red_stays_red);
-    g_test_add_func("/demosaic/gradient-filter-equals-its-tables-and-mirror", test_tables);
-    g_test_add_func("/demosaic/every-crop-has-the-bits-of-the-whole", test_crops);
+    isas_add("/demosaic/filters-equal-their-tables-and-mirror", test_tables);
+    isas_add("/demosaic/halves-are-those-of-the-floats-and-finite-stays-finite", test_halves);
+    isas_add("/demosaic/every-instruction-set-gives-the-bits-of-c", test_same_bits);
+    isas_add("/demosaic/every-crop-has-the-bits-of-the-whole", test_crops);
     g_test_add_func("/demosaic/one-pixel-is-grey", test_tiny);
     g_test_add_func("/demosaic/regions-without-their-halo-are-refused", test_refusals);
     g_test_add_func("/demosaic/a-nan-reaches-two-pixels", test_nan_stays_near);

@@ -1,9 +1,10 @@
 /* Kernels on buffers that touch an unreadable page, at their end and at their beginning: a read or
  * write one byte outside is a crash. */
-#include "core/demosaic.h"
+#include "core/demosaic_kernels.h"
 #include "core/half.h"
 #include "core/half_kernels.h"
 #include "core/merge_kernels.h"
+#include "core/promote_tile_kernels.h"
 
 #include "tests/core/isas.h"
 
@@ -129,25 +130,61 @@ static void test_halves(const void *data)
     guarded_free(&flags);
 }
 
-static void test_demosaic(void)
+/* A form: halves or floats, woven or in planes. */
+static void demosaic_at(const struct guarded g[4], enum ls_isa isa, int side, uint32_t width,
+                        uint32_t height, bool half, bool woven)
 {
-    struct guarded in = guarded_new(), out[3] = {guarded_new(), guarded_new(), guarded_new()};
+    size_t n = (size_t)width * height, each = half ? 2 : 4;
+    struct ls_demosaic_region all = {0, 0, width, height};
+    struct ls_demosaic_source s = {.data = half ? NULL : place(&g[0], side, 4 * n),
+                                   .half = half ? place(&g[0], side, 2 * n) : NULL,
+                                   .stride = width,
+                                   .window = all,
+                                   .image_width = width,
+                                   .image_height = height,
+                                   .cfa = LS_CFA_GBRG};
+    struct ls_demosaic_target t = {.pixel_step = woven ? 3 : 1,
+                                   .row_step = (woven ? 3 : 1) * (size_t)width};
+    for (int c = 0; c < 3; c++) {
+        char *plane = woven ? (char *)place(&g[1], side, 3 * n * each) + (size_t)c * each
+                            : place(&g[1 + c], side, n * each);
+        t.plane[c] = half ? NULL : (float *)plane;
+        t.half[c] = half ? (uint16_t *)plane : NULL;
+    }
+    for (int m = 0; m < 2; m++)
+        g_assert_cmpint(ls_demosaic_with(isa, &s, all, (enum ls_demosaic_method)m, &t), ==, LS_OK);
+}
 
-    for (size_t k = 0; k < G_N_ELEMENTS(sizes); k++)
+static void test_demosaic(const void *data)
+{
+    static const uint32_t shapes[][2] = {{1, 1},   {3, 3},   {7, 5},  {8, 1},
+                                         {130, 3}, {512, 2}, {43, 31}};
+    struct guarded g[4];
+
+    for (int k = 0; k < 4; k++)
+        g[k] = guarded_new();
+    for (size_t k = 0; k < G_N_ELEMENTS(shapes); k++)
+        for (int form = 0; form < 8; form++)
+            demosaic_at(g, isas_of(data), form & 1, shapes[k][0], shapes[k][1], form & 2, form & 4);
+    for (int k = 0; k < 4; k++)
+        guarded_free(&g[k]);
+}
+
+static void test_promote_tile(const void *data)
+{
+    struct guarded g[5];
+
+    for (int k = 0; k < 5; k++)
+        g[k] = guarded_new();
+    for (size_t n = 1; n < 100; n++)
         for (int side = 0; side < 2; side++) {
-            uint32_t width = sizes[k][0], height = sizes[k][1];
-            size_t bytes = 4 * (size_t)width * height;
-            struct ls_demosaic_region all = {0, 0, width, height};
-            struct ls_demosaic_source s = {
-                place(&in, side, bytes), width, all, width, height, LS_CFA_GBRG};
-            struct ls_demosaic_target t = {{NULL}, 1, width};
-            for (int c = 0; c < 3; c++)
-                t.plane[c] = place(&out[c], side, bytes);
-            g_assert_cmpint(ls_demosaic(&s, all, LS_DEMOSAIC_GRADIENT, &t), ==, LS_OK);
+            const uint16_t *const ratio[] = {place(&g[1], side, 2 * n), place(&g[2], side, 2 * n)};
+            uint16_t *const out[] = {place(&g[3], side, 2 * n), place(&g[4], side, 2 * n)};
+            struct ls_promote_tile tile = {place(&g[0], side, 2 * n), 2, ratio, out, n, 1};
+            g_assert_cmpuint(ls_promote_tile_kernels(isas_of(data))->run(&tile), ==, 0);
         }
-    guarded_free(&in);
-    for (int c = 0; c < 3; c++)
-        guarded_free(&out[c]);
+    for (int k = 0; k < 5; k++)
+        guarded_free(&g[k]);
 }
 
 int main(int argc, char **argv)
@@ -156,6 +193,7 @@ int main(int argc, char **argv)
     isas_add("/guards/merge-touches-only-its-spans", test_merge);
     g_test_add_func("/guards/formats-touch-only-their-bytes", test_pixels);
     isas_add("/guards/halves-touch-only-their-spans", test_halves);
-    g_test_add_func("/guards/demosaic-touches-only-its-window", test_demosaic);
+    isas_add("/guards/demosaic-touches-only-its-window", test_demosaic);
+    isas_add("/guards/promote-tile-touches-only-its-spans", test_promote_tile);
     return g_test_run();
 }

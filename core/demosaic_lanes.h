@@ -1,0 +1,194 @@
+/*
+ * demosaic_lanes: the text of the demosaic kernels; each instruction set includes it once and names
+ * its instance. See demosaic_kernels.h for the contract.
+ * Layer: core, inside the demosaic only. Threads: any. Ownership: none.
+ *
+ * The gradient-corrected filters. Let C be the known sample, N S W E its neighbours, NN .. EE the
+ * next of the same colour, X the sum of the four diagonal ones. Each missing colour is its bilinear
+ * value plus a gain times a second derivative of the known colour, which is 0 on any ramp:
+ *
+ *   green at red or blue:    (N+S+W+E)/4 + a L4,  L4 = C - (NN+SS+WW+EE)/4
+ *   blue at red, red at blue:  X/4       + c L4
+ *   red or blue at green, its own row: (W+E)/2 + b L9, L9 = C - (X+WW+EE)/5 + (NN+SS)/10
+ *                         its own column: the same turned by a quarter.
+ *
+ * L9 weighs the greens of the cell so that 1 - 6/5 + 2/10 = 0. The gains minimise the mean square
+ * error over natural pictures, rounded to eighths by the paper: a = 1/2, b = 5/8, c = 3/4. In
+ * eighths:
+ *
+ *   green at red:  4 C + 2 (N+S+W+E) -     (NN+SS+WW+EE)
+ *   blue at red:   6 C + 2 X         - 3/2 (NN+SS+WW+EE)
+ *   red at green:  5 C + 4 (W+E) - X - (WW+EE) + 1/2 (NN+SS)
+ *
+ * Each row sums to 8, so a constant is kept. Every pixel is treated as a green one and as a
+ * coloured one, and the half of it that was wrong is dropped: the five sums are shared, and that
+ * costs less than sorting the samples of a row by colour and weaving the results together again.
+ */
+#ifndef LS_CORE_DEMOSAIC_LANES_H
+#define LS_CORE_DEMOSAIC_LANES_H
+
+#include "core/demosaic_kernels.h"
+#include "core/lanes.h"
+
+/* The row's own colour (red or blue), green, and the colour of the rows between. */
+struct colours {
+    floats own, green, other;
+};
+
+/* The sums that both kinds of pixel use. */
+struct around {
+    floats c, h, v, x, hh, vv;
+};
+
+LANES_INLINE struct around look_around(const float *const r[LS_DEMOSAIC_ROWS], size_t p,
+                                       bool gradient)
+{
+    struct around a = {
+        .c = lanes_load(r[2] + p),
+        .h = lanes_load(r[2] + p - 1) + lanes_load(r[2] + p + 1),
+        .v = lanes_load(r[1] + p) + lanes_load(r[3] + p),
+        .x = (lanes_load(r[1] + p - 1) + lanes_load(r[1] + p + 1)) +
+             (lanes_load(r[3] + p - 1) + lanes_load(r[3] + p + 1)),
+    };
+    if (gradient) {
+        a.hh = lanes_load(r[2] + p - 2) + lanes_load(r[2] + p + 2);
+        a.vv = lanes_load(r[0] + p) + lanes_load(r[4] + p);
+    }
+    return a;
+}
+
+LANES_INLINE struct colours as_green(const struct around *a, bool gradient)
+{
+    if (!gradient)
+        return (struct colours){.own = a->h * 0.5f, .green = a->c, .other = a->v * 0.5f};
+    return (struct colours){
+        .own = (5 * a->c + 4 * a->h - a->x - a->hh + 0.5f * a->vv) * 0.125f,
+        .green = a->c,
+        .other = (5 * a->c + 4 * a->v - a->x - a->vv + 0.5f * a->hh) * 0.125f,
+    };
+}
+
+LANES_INLINE struct colours as_coloured(const struct around *a, bool gradient)
+{
+    floats near = a->v + a->h;
+    if (!gradient)
+        return (struct colours){.own = a->c, .green = near * 0.25f, .other = a->x * 0.25f};
+    floats far = a->hh + a->vv;
+    return (struct colours){
+        .own = a->c,
+        .green = (4 * a->c + 2 * near - far) * 0.125f,
+        .other = (6 * a->c + 2 * a->x - 1.5f * far) * 0.125f,
+    };
+}
+
+LANES_INLINE struct colours filter(const struct ls_demosaic_line *l, size_t p, ints green,
+                                   enum ls_demosaic_filter kind)
+{
+    if (kind == LS_DEMOSAIC_FILTER_COPY) {
+        floats c = lanes_load(l->row[2] + p);
+        return (struct colours){c, c, c};
+    }
+    bool gradient = kind == LS_DEMOSAIC_FILTER_GRADIENT;
+    struct around a = look_around(l->row, p, gradient);
+    struct colours g = as_green(&a, gradient), c = as_coloured(&a, gradient);
+    return (struct colours){.own = lanes_select(green, g.own, c.own),
+                            .green = lanes_select(green, g.green, c.green),
+                            .other = lanes_select(green, g.other, c.other)};
+}
+
+LANES_INLINE halves finite_half(floats v)
+{
+    return lanes_to_half(lanes_clamp_half(v));
+}
+
+/* LANES pixels from pixel p of the planes on. */
+LANES_INLINE void put(void *const plane[3], size_t p, enum ls_demosaic_form form, floats r,
+                      floats g, floats b)
+{
+    switch (form) {
+    case LS_DEMOSAIC_PLANES:
+        lanes_store((float *)plane[0] + p, r);
+        lanes_store((float *)plane[1] + p, g);
+        lanes_store((float *)plane[2] + p, b);
+        return;
+    case LS_DEMOSAIC_WOVEN:
+        lanes_store_woven((float *)plane[0] + 3 * p, r, g, b);
+        return;
+    case LS_DEMOSAIC_HALF_PLANES:
+        lanes_store_half((uint16_t *)plane[0] + p, finite_half(r));
+        lanes_store_half((uint16_t *)plane[1] + p, finite_half(g));
+        lanes_store_half((uint16_t *)plane[2] + p, finite_half(b));
+        return;
+    case LS_DEMOSAIC_HALF_WOVEN:
+        lanes_store_woven_half((uint16_t *)plane[0] + 3 * p, finite_half(r), finite_half(g),
+                               finite_half(b));
+        return;
+    }
+}
+
+/* The last pixels of a line, fewer than LANES: by way of a buffer. */
+LANES_INLINE void put_rest(void *const plane[3], size_t p, size_t n, enum ls_demosaic_form form,
+                           floats r, floats g, floats b)
+{
+    bool woven = form == LS_DEMOSAIC_WOVEN || form == LS_DEMOSAIC_HALF_WOVEN;
+    size_t each = form == LS_DEMOSAIC_PLANES || form == LS_DEMOSAIC_WOVEN ? 4 : 2;
+    float buffer[3][LANES];
+    void *const lines[3] = {buffer[0], buffer[1], buffer[2]};
+
+    put(lines, 0, form, r, g, b);
+    if (woven)
+        memcpy((char *)plane[0] + 3 * p * each, buffer, 3 * n * each);
+    for (int c = 0; !woven && c < 3; c++)
+        memcpy((char *)plane[c] + p * each, buffer[c], n * each);
+}
+
+LANES_INLINE void run_line(const struct ls_demosaic_line *line, enum ls_demosaic_filter kind,
+                           enum ls_demosaic_form form)
+{
+    const struct ls_demosaic_line l = *line; /* a copy, which no output can be part of */
+    ints green;
+
+    for (int k = 0; k < LANES; k++)
+        green[k] = (k % 2 == 0) == l.green_first ? -1 : 0;
+    for (size_t p = 0; p < l.n; p += LANES) {
+        struct colours c = filter(&l, p, green, kind);
+        floats red = l.red_row ? c.own : c.other, blue = l.red_row ? c.other : c.own;
+        if (l.n - p >= LANES)
+            put(l.plane, p, form, red, c.green, blue);
+        else
+            put_rest(l.plane, p, l.n - p, form, red, c.green, blue);
+    }
+}
+
+#define DEMOSAIC_FORMS(kind)                           \
+    switch (line->form) {                              \
+    case LS_DEMOSAIC_PLANES:                           \
+        run_line(line, kind, LS_DEMOSAIC_PLANES);      \
+        return;                                        \
+    case LS_DEMOSAIC_WOVEN:                            \
+        run_line(line, kind, LS_DEMOSAIC_WOVEN);       \
+        return;                                        \
+    case LS_DEMOSAIC_HALF_PLANES:                      \
+        run_line(line, kind, LS_DEMOSAIC_HALF_PLANES); \
+        return;                                        \
+    case LS_DEMOSAIC_HALF_WOVEN:                       \
+        run_line(line, kind, LS_DEMOSAIC_HALF_WOVEN);  \
+        return;                                        \
+    }
+
+LANES_INLINE void demosaic_line(const struct ls_demosaic_line *line)
+{
+    switch (line->filter) {
+    case LS_DEMOSAIC_FILTER_GRADIENT:
+        DEMOSAIC_FORMS(LS_DEMOSAIC_FILTER_GRADIENT)
+        return;
+    case LS_DEMOSAIC_FILTER_BILINEAR:
+        DEMOSAIC_FORMS(LS_DEMOSAIC_FILTER_BILINEAR)
+        return;
+    case LS_DEMOSAIC_FILTER_COPY:
+        DEMOSAIC_FORMS(LS_DEMOSAIC_FILTER_COPY)
+        return;
+    }
+}
+
+#endif
