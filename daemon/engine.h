@@ -53,7 +53,7 @@ struct ls_preflight {
     uint64_t bytes, disk_free_bytes;
     double dark_noise_share; /* of a relit picture's noise power, the part that the darks bring:
                                 N/K / (1 + N/K) for N lights and K darks */
-    char warnings[1024];     /* newline-separated, "" = none */
+    char warnings[2048];     /* newline-separated, "" = none */
 };
 
 /** Called on ls-main when a take's status changed and every 100 ms while it runs. */

@@ -14,6 +14,7 @@ enum {
     PUBLISHED_BYTES_PER_TILE = 40,
     PUBLISHED_BYTES = 512,
     DOCUMENT_BYTES = 8 << 20, /* take.json, twice */
+    MAX_PATTERN_WARNINGS = 8,
     FLASH_LOW_HZ = 3,         /* visible flashing of a live subject */
     FLASH_HIGH_HZ = 30,
     HOLD_MARGIN_US = 100000, /* from lit to exposing and from exposed to received, host included */
@@ -194,18 +195,37 @@ static void warn_of_darks(const struct ls_preflight_input *in, struct ls_preflig
              darks, 100 * out->dark_noise_share, single);
 }
 
+/* Is there an earlier picture of the same pattern, channel and level? Pictures of an entry stand
+ * together, so the one before says it. */
+static bool is_repeated(const struct ls_plan *plan, uint32_t i)
+{
+    const struct ls_plan_condition *c = &plan->conditions[i];
+    const struct ls_plan_condition *before = i ? c - 1 : c;
+    if (before->watch && i > 1)
+        before--;
+    return before != c && before->channel == c->channel && before->level == c->level &&
+           !strcmp(before->pattern, c->pattern);
+}
+
 static void warn_of_calibration(const struct ls_preflight_input *in, struct ls_preflight *out)
 {
     if (!in->calibration) {
         warn(out, "no calibration: the take can be photographed and stored, not promoted or relit");
         return;
     }
+    uint32_t n = 0;
     for (uint32_t i = 0; i < in->plan->n_conditions; i++) {
         const struct ls_plan_condition *c = &in->plan->conditions[i];
-        if (!(ls_plan_factor(c, in->config, in->calibration) > 0))
-            warn(out, "%s at duty %.5f is not calibrated: the take will be marked uncalibrated",
-                 c->id, c->level / 65535.0);
+        if (ls_plan_factor(c, in->config, in->calibration) > 0 || is_repeated(in->plan, i))
+            continue;
+        if (n++ < MAX_PATTERN_WARNINGS)
+            warn(out,
+                 "%s in %s at duty %.5f (%s ...) is not calibrated: the take will be marked "
+                 "uncalibrated",
+                 c->pattern, in->config->channels[c->channel].name, c->level / 65535.0, c->id);
     }
+    if (n > MAX_PATTERN_WARNINGS)
+        warn(out, "%u more patterns are not calibrated", n - MAX_PATTERN_WARNINGS);
 }
 
 static void warn_of_cameras(const struct ls_preflight_input *in, struct ls_preflight *out)

@@ -121,7 +121,7 @@ static struct planned read_condition(const json_t *c, const json_t *rig)
     snprintf(out.kind, sizeof out.kind, "%s", kind ? kind : "");
     snprintf(out.id, sizeof out.id, "%s", id ? id : "");
     out.light = row >= 0 ? json_integer_value(json_array_get(address, (size_t)row)) : -1;
-    if (!strcmp(out.kind, "segment"))
+    if (!strcmp(out.kind, "segment") || !strcmp(out.kind, "list"))
         out.n_leds = (int64_t)json_array_size(json_object_get(c, "lights"));
     return out;
 }
@@ -144,7 +144,7 @@ static struct planned *read_plan(const char *take_json, uint32_t *n, struct ls_d
 
 static bool lit_otherwise(const struct planned *p, const struct shown *shown)
 {
-    bool one_led = !strcmp(p->kind, "segment") && p->n_leds == 1; /* the log names a single LED */
+    bool one_led = p->n_leds == 1; /* of a segment or a list: the log names a single LED */
     return strcmp(shown->kind, p->kind) || (!one_led && shown->light != p->light) ||
            shown->channel != p->channel || (p->n_leds >= 0 && shown->n_leds != p->n_leds);
 }
