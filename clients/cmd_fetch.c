@@ -1,6 +1,8 @@
 #include "clients/command.h"
 #include "clients/picture_attrs.h"
 #include "clients/picture_file.h"
+#include "clients/promotion_option.h"
+#include "clients/promotion_report.h"
 #include "clients/region_option.h"
 #include "clients/take_document.h"
 #include "core/half.h"
@@ -11,7 +13,8 @@
 
 struct options {
     const char *channel, *lights, *output;
-    bool promoted, rgb, estimate, half, full_sphere;
+    Lightstage__Promotion promotion;
+    bool rgb, estimate, half, full_sphere;
     uint32_t camera;
     Lightstage__Region region;
 };
@@ -22,8 +25,11 @@ struct fetch {
     const struct options *options;
     const struct ls_take_document *document;
     struct ls_image image;
+    struct ls_promotion_report report; /* of the last picture that came with one */
     json_t *frames;
-    FILE *csv;
+    char *csv; /* text of the list, malloc */
+    size_t csv_bytes;
+    FILE *csv_stream; /* into it */
 };
 
 static int parse_option(struct options *out, int option)
@@ -37,11 +43,6 @@ static int parse_option(struct options *out, int option)
         return LS_EXIT_OK;
     case 3:
         out->output = optarg;
-        return LS_EXIT_OK;
-    case 4:
-        out->promoted = strcmp(optarg, "sphere") == 0;
-        if (!out->promoted && strcmp(optarg, "measured") != 0)
-            return ls_command_wrong("--model %s: expected measured or sphere", optarg);
         return LS_EXIT_OK;
     case 5:
         out->rgb = strcmp(optarg, "rgb") == 0;
@@ -67,7 +68,7 @@ static int parse_option(struct options *out, int option)
                    : ls_command_wrong("--camera %s: expected the number of a camera, from 0",
                                       optarg);
     default:
-        return LS_EXIT_USAGE;
+        return ls_promotion_option(option, optarg, &out->promotion);
     }
 }
 
@@ -76,14 +77,15 @@ static int parse(struct ls_command_context *context, int argc, char **argv, stru
     static const struct option options[] = {{"channel", required_argument, NULL, 1},
                                             {"lights", required_argument, NULL, 2},
                                             {"output", required_argument, NULL, 3},
-                                            {"model", required_argument, NULL, 4},
                                             {"layout", required_argument, NULL, 5},
                                             {"estimate", no_argument, NULL, 6},
                                             {"half", no_argument, NULL, 7},
                                             {"full-sphere", no_argument, NULL, 8},
                                             {"region", required_argument, NULL, 9},
                                             {"camera", required_argument, NULL, 10},
+                                            LS_PROMOTION_OPTIONS,
                                             LS_COMMON_OPTIONS};
+    lightstage__promotion__init(&out->promotion);
     lightstage__region__init(&out->region);
     for (int option;
          (option = ls_command_option(context, &ls_command_fetch, argc, argv, options)) != -1;) {
@@ -108,7 +110,7 @@ static void fill_attributes(const struct fetch *fetch, const Lightstage__FetchRe
     const struct options *o = fetch->options;
     const struct ls_take_document *d = fetch->document;
     ls_picture_attrs_take(d, band->calibrated, attrs);
-    ls_picture_attrs_model(o->promoted, false, attrs);
+    ls_promotion_report_attrs(&fetch->report, false, attrs);
     ls_exr_attrs_float(attrs, "expTime", (float)d->longest_exposure_s);
     ls_exr_attrs_string(attrs, "lightstage/channel", o->channel);
     ls_exr_attrs_string(attrs, "lightstage/cfa",
@@ -137,9 +139,9 @@ static enum ls_err record(struct fetch *fetch, const char *path,
                                     (json_int_t)band->light, "direction", (double)v[0],
                                     (double)v[1], (double)v[2], "solid_angle_sr", omega, "weight",
                                     band->gain_k));
-    if (fprintf(fetch->csv, "%s,%u,%.9g,%.9g,%.9g,%.9g,%.9g\n", path, band->light, (double)v[0],
+    if (fprintf(fetch->csv_stream, "%s,%u,%.9g,%.9g,%.9g,%.9g,%.9g\n", path, band->light, (double)v[0],
                 (double)v[1], (double)v[2], omega, band->gain_k) < 0)
-        return ls_fail(diag, LS_ERR_INVALID, "%s.csv: cannot be written", fetch->options->output);
+        return ls_fail(diag, LS_ERR_NOMEM, "out of memory for the list of pictures");
     return LS_OK;
 }
 
@@ -170,6 +172,9 @@ static enum ls_err take_band(struct fetch *fetch, const struct ls_reply *reply,
     size_t values = (size_t)band->n_rows * band->width * band->components;
     bool half = band->sample == LIGHTSTAGE__SAMPLE__HALF;
     enum ls_err err = LS_OK;
+    if (band->spectrum)
+        ls_promotion_report_keep(&fetch->report,
+                                 (Lightstage__SpectrumReport *const *)&band->spectrum, 1);
     if (!fetch->image.pixels)
         err = ls_image_init(&fetch->image, band->width, band->height, band->components,
                             (size_t)4 << 30, diag);
@@ -230,7 +235,8 @@ static enum ls_err send_request(struct fetch *fetch, uint32_t *request)
     body.lights = lights;
     body.n_lights = n;
     body.region = &region;
-    body.model = o->promoted ? LIGHTSTAGE__MODEL__SPHERE : LIGHTSTAGE__MODEL__MEASURED;
+    Lightstage__Promotion promotion = o->promotion;
+    body.promotion = &promotion;
     body.layout = o->rgb ? LIGHTSTAGE__LAYOUT__RGB : LIGHTSTAGE__LAYOUT__MOSAIC;
     body.quantity =
         o->estimate ? LIGHTSTAGE__QUANTITY__ESTIMATE : LIGHTSTAGE__QUANTITY__REFLECTANCE;
@@ -243,7 +249,7 @@ static enum ls_err send_request(struct fetch *fetch, uint32_t *request)
     return err;
 }
 
-static enum ls_err write_sidecar(const struct fetch *fetch, const json_t *document)
+static enum ls_err write_sidecars(struct fetch *fetch, const json_t *document)
 {
     char path[4096];
     char *text = json_dumps(document, JSON_INDENT(1) | JSON_REAL_PRECISION(9));
@@ -252,34 +258,58 @@ static enum ls_err write_sidecar(const struct fetch *fetch, const json_t *docume
     snprintf(path, sizeof path, "%s.json", fetch->options->output);
     enum ls_err err = ls_command_write_file(path, text, strlen(text), &fetch->context->diag);
     free(text);
-    return err;
+    snprintf(path, sizeof path, "%s.csv", fetch->options->output);
+    return err ? err
+               : ls_command_write_file(path, fetch->csv, fetch->csv_bytes, &fetch->context->diag);
+}
+
+static enum ls_err open_list(struct fetch *fetch)
+{
+    fetch->frames = json_array();
+    fetch->csv_stream = open_memstream(&fetch->csv, &fetch->csv_bytes);
+    if (!fetch->frames || !fetch->csv_stream ||
+        fputs("file,light,x,y,z,solid_angle_sr,weight\n", fetch->csv_stream) < 0)
+        return ls_fail(&fetch->context->diag, LS_ERR_NOMEM, "out of memory");
+    return LS_OK;
+}
+
+static enum ls_err close_list(struct fetch *fetch)
+{
+    int failed = fetch->csv_stream && fclose(fetch->csv_stream);
+    fetch->csv_stream = NULL;
+    return failed ? ls_fail(&fetch->context->diag, LS_ERR_NOMEM, "out of memory") : LS_OK;
+}
+
+static void tell(const struct fetch *fetch, json_t *document)
+{
+    if (fetch->context->json) {
+        ls_command_print_json(json_incref(document));
+        return;
+    }
+    printf("%zu pictures\n", json_array_size(fetch->frames));
+    ls_promotion_report_print(&fetch->report);
 }
 
 static int fetch_pictures(struct fetch *fetch)
 {
-    char path[4096];
     uint32_t request = 0;
-    snprintf(path, sizeof path, "%s.csv", fetch->options->output);
-    fetch->csv = fopen(path, "we");
-    if (!fetch->csv)
-        return ls_command_wrong("%s: cannot be written", path);
-    fputs("file,light,x,y,z,solid_angle_sr,weight\n", fetch->csv);
-    fetch->frames = json_array();
-    enum ls_err err = send_request(fetch, &request);
+    enum ls_err err = open_list(fetch);
+    if (!err)
+        err = send_request(fetch, &request);
     if (!err)
         err = receive(fetch, request);
-    if (fclose(fetch->csv) && !err)
-        err = ls_fail(&fetch->context->diag, LS_ERR_INVALID, "%s: cannot be written", path);
-    json_t *document = json_pack("{ss ss sO}", "take", fetch->document->id, "channel",
-                                 fetch->options->channel, "frames", fetch->frames);
+    enum ls_err closed = close_list(fetch);
+    err = err ? err : closed;
+    json_t *document = json_pack("{ss ss so sO}", "take", fetch->document->id, "channel",
+                                 fetch->options->channel, "spectra",
+                                 ls_promotion_report_json(&fetch->report), "frames", fetch->frames);
     if (!err)
-        err = write_sidecar(fetch, document);
-    if (!err && fetch->context->json)
-        ls_command_print_json(json_incref(document));
-    else if (!err)
-        printf("%zu pictures\n", json_array_size(fetch->frames));
+        err = write_sidecars(fetch, document);
+    if (!err)
+        tell(fetch, document);
     json_decref(document);
     json_decref(fetch->frames);
+    free(fetch->csv);
     ls_image_finish(&fetch->image);
     return err ? ls_command_failed(fetch->context, err) : LS_EXIT_OK;
 }
@@ -303,6 +333,7 @@ static int run(struct ls_command_context *context, int argc, char **argv)
 const struct ls_command ls_command_fetch = {
     "fetch", "Pictures of the field as OpenEXR, with a JSON and a CSV list beside them",
     "TAKE --channel NAME --output PREFIX [--lights 0,5,7-9] [--full-sphere]\n"
-    "         [--model measured|sphere] [--layout mosaic|rgb] [--estimate] [--half]\n"
+    LS_PROMOTION_USAGE
+    "         [--layout mosaic|rgb] [--estimate] [--half]\n"
     "         [--region X,Y,WIDTH,HEIGHT] [--camera N] [--json]",
     run};

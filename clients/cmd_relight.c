@@ -3,6 +3,8 @@
 #include "clients/light_weights.h"
 #include "clients/picture_attrs.h"
 #include "clients/picture_file.h"
+#include "clients/promotion_option.h"
+#include "clients/promotion_report.h"
 #include "clients/region_option.h"
 #include "clients/take_document.h"
 #include "clients/weights_file.h"
@@ -22,6 +24,7 @@ struct options {
     const struct ls_profile *profile;
     double exposure, max_error;
     bool exposure_given;
+    Lightstage__Promotion promotion;
     enum ls_map_space space;
     uint32_t camera;
     Lightstage__Region region;
@@ -30,6 +33,7 @@ struct options {
 /* What came back. */
 struct result {
     struct ls_image image;
+    struct ls_promotion_report report;
     uint32_t lights_used, lights_skipped;
     uint64_t tiles_skipped;
     double bound, seconds;
@@ -109,7 +113,7 @@ static int set(struct options *out, int option)
                    ? LS_EXIT_OK
                    : ls_command_wrong("--region %s: expected X,Y,WIDTH,HEIGHT", optarg);
     default:
-        return LS_EXIT_USAGE;
+        return ls_promotion_option(option, optarg, &out->promotion);
     }
 }
 
@@ -129,7 +133,10 @@ static int parse(struct ls_command_context *context, int argc, char **argv, stru
                                             {"method", required_argument, NULL, 12},
                                             {"cells", required_argument, NULL, 13},
                                             {"profile", required_argument, NULL, 14},
+                                            LS_PROMOTION_OPTIONS,
                                             LS_COMMON_OPTIONS};
+    lightstage__promotion__init(&out->promotion);
+    out->promotion.model = LIGHTSTAGE__MODEL__SPHERE;
     lightstage__region__init(&out->region);
     for (int option;
          (option = ls_command_option(context, &ls_command_relight, argc, argv, options)) != -1;) {
@@ -165,6 +172,7 @@ static enum ls_err place_band(struct result *result, const struct ls_reply *repl
     if (band->n_rows > 0)
         memcpy(result->image.pixels + (size_t)band->first_row * result->image.width * 3,
                reply->payload, reply->payload_bytes);
+    ls_promotion_report_keep(&result->report, band->spectra, band->n_spectra);
     result->calibrated = band->calibrated;
     result->lights_used = band->lights_used;
     result->lights_skipped = band->lights_skipped;
@@ -197,7 +205,9 @@ static int ask(struct ls_command_context *context, const char *take, const struc
 {
     Lightstage__Relight body = LIGHTSTAGE__RELIGHT__INIT;
     Lightstage__Region region = options->region;
+    Lightstage__Promotion promotion = options->promotion;
     uint32_t request = 0;
+    body.promotion = &promotion;
     body.take = (char *)take;
     body.mode = weights->mode;
     body.n_channels = weights->n_names;
@@ -245,20 +255,8 @@ static enum ls_err to_rec709(const struct ls_take_document *document,
     return LS_OK;
 }
 
-/* Is any of the spectra one that was not photographed light by light? */
-static bool is_promoted(const struct ls_take_document *document,
-                        const struct ls_light_weights *weights)
-{
-    for (uint32_t n = 0; n < weights->n_names; n++)
-        for (uint32_t c = 0; c < document->n_channels; c++)
-            if (strcmp(document->channels[c].name, weights->names[n]) == 0 &&
-                !document->channels[c].each)
-                return true;
-    return false;
-}
-
 static enum ls_err write_exr(const struct options *options, const struct ls_take_document *document,
-                             const struct ls_image *image, bool promoted, bool calibrated,
+                             const struct ls_image *image, const struct result *result,
                              bool rec709, struct ls_diag *diag)
 {
     static const float primaries[8] = {0.64f, 0.33f, 0.30f, 0.60f, 0.15f, 0.06f, 0.3127f, 0.3290f};
@@ -266,8 +264,9 @@ static enum ls_err write_exr(const struct options *options, const struct ls_take
     const struct ls_picture_place place = {(int32_t)options->region.x, (int32_t)options->region.y,
                                            document->width, document->height};
     const char *file = strrchr(options->light, '/');
-    ls_picture_attrs_take(document, calibrated, &attrs);
-    ls_picture_attrs_model(promoted, options->solve.solve == LS_LIGHT_TRISTIMULUS, &attrs);
+    ls_picture_attrs_take(document, result->calibrated, &attrs);
+    ls_promotion_report_attrs(&result->report, options->solve.solve == LS_LIGHT_TRISTIMULUS,
+                              &attrs);
     ls_exr_attrs_string(&attrs, "lightstage/environment", file ? file + 1 : options->light);
     ls_exr_attrs_string(&attrs, "lightstage/units", rec709 ? "rec709-linear" : "camera-raw");
     ls_exr_attrs_float(&attrs, "lightstage/rotation", (float)options->solve.turn_deg);
@@ -292,8 +291,7 @@ static enum ls_err write_pictures(const struct options *options,
         fputs("lightstagectl: warning: the take has no matrix M: the picture stays in the camera's "
               "own colours\n", stderr);
     if (!err && options->exr)
-        err = write_exr(options, document, options->raw ? &result->image : &shown,
-                        is_promoted(document, weights), result->calibrated,
+        err = write_exr(options, document, options->raw ? &result->image : &shown, result,
                         rec709 && (!options->raw || weights->after_m), diag);
     if (!err && options->png)
         err = ls_picture_file_png(options->png, &shown, scale, NULL, diag);
@@ -329,15 +327,17 @@ static void print_result(const struct ls_command_context *context, const struct 
     if (!context->json) {
         printf("%u lights used, %u skipped, error bound %.3g, %.2f s\n", result->lights_used,
                result->lights_skipped, result->bound, result->seconds);
+        ls_promotion_report_print(&result->report);
         return;
     }
     ls_command_print_json(json_pack(
-        "{si si sI sf sf sf sf sb so* ss* ss*}", "lights_used", (int)result->lights_used,
+        "{si si sI sf sf sf sf sb so* so ss* ss*}", "lights_used", (int)result->lights_used,
         "lights_skipped", (int)result->lights_skipped, "tiles_skipped",
         (json_int_t)result->tiles_skipped, "error_bound", result->bound, "seconds",
         result->seconds, "solve_residual", weights->solution.worst.relative, "unreachable",
         weights->unreachable, "calibrated", result->calibrated, "solve", solve_json(weights),
-        "output", options->exr, "png", options->png));
+        "spectra", ls_promotion_report_json(&result->report), "output", options->exr, "png",
+        options->png));
 }
 
 /* ---- the command ---- */
@@ -413,6 +413,7 @@ const struct ls_command ls_command_relight = {
     "         [--solve spectral|tristimulus|shared|per-target] [--method nnls|least-squares]\n"
     "         [--cells nearest|smooth] [--profile paper]\n"
     "         [--rotate DEG] [--space rec709-linear|camera-raw]\n"
+    LS_PROMOTION_USAGE
     "         [--region X,Y,WIDTH,HEIGHT] [--exposure STOPS] [--max-error E]\n"
     "         [--camera N] [--json]\n"
     "       lightstagectl relight TAKE --weights FILE.json --output FILE.exr [...]\n"

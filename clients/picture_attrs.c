@@ -30,13 +30,3 @@ void ls_picture_attrs_light(const struct ls_take_document *document, uint32_t li
     ls_exr_attrs_v3f(attrs, "lightstage/position", document->position_m[light]);
     ls_exr_attrs_v3f(attrs, "lightstage/direction", document->direction[light]);
 }
-
-void ls_picture_attrs_model(bool promoted, bool baseline, struct ls_exr_attrs *attrs)
-{
-    ls_exr_attrs_string(attrs, "lightstage/model",
-                        baseline   ? "tristimulus"
-                        : promoted ? "sphere"
-                                   : "measured");
-    ls_exr_attrs_string(attrs, "lightstage/reference",
-                        promoted && !baseline ? "strengths" : "none");
-}

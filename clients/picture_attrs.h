@@ -17,8 +17,4 @@ void ls_picture_attrs_take(const struct ls_take_document *document, bool calibra
 void ls_picture_attrs_light(const struct ls_take_document *document, uint32_t light,
                             struct ls_exr_attrs *attrs);
 
-/** How the values came about: @promoted from white by Eq. 1 under the full sphere, weighted with
- * each spectrum's own strengths, or only measured; or relit by the tristimulus @baseline. */
-void ls_picture_attrs_model(bool promoted, bool baseline, struct ls_exr_attrs *attrs);
-
 #endif

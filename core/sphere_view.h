@@ -5,7 +5,7 @@
  * Pixels whose middle lies within LS_SPHERE_BORDER_PX of the outline are left out (they mix the
  * sphere with what is behind it), and so are defective ones. A sphere of more than
  * LS_SPHERE_MAX_PIXELS is sampled: whole 2 x 2 cells in equal steps, so that a mosaic keeps all its
- * colours. Blocks divide the pixels into about two hundred squares; errors of a fit are estimated
+ * colours. Blocks divide the pixels into about a hundred squares; errors of a fit are estimated
  * from what differs between them.
  */
 #ifndef LS_CORE_SPHERE_VIEW_H
@@ -20,8 +20,8 @@
 #include <stdint.h>
 
 enum {
-    LS_SPHERE_MAX_PIXELS = 1 << 15,
-    LS_SPHERE_BLOCKS = 16, /* a side */
+    LS_SPHERE_MAX_PIXELS = 1 << 16,
+    LS_SPHERE_BLOCKS = 12, /* a side */
 };
 #define LS_SPHERE_BORDER_PX 1.5
 
@@ -32,7 +32,7 @@ struct ls_sphere_pixel {
     float x[3], n[3];    /* point and unit normal, stage frame, m */
     float v[3];          /* unit, towards the camera */
     float nv;            /* n . v */
-    float shifted[3][6]; /* x, n for the centre moved by shift_m along each axis */
+    float shifted[3][6]; /* x, n for the centre moved by +1e-4 of its distance along each axis */
 };
 
 struct ls_sphere_view {

@@ -4,6 +4,7 @@
 #include "core/promote.h"
 #include "core/relight.h"
 #include "daemon/picture_region.h"
+#include "daemon/render.h"
 #include "proto/frame.h"
 #include "proto/message.h"
 
@@ -19,18 +20,21 @@ struct fetch_job {
     struct ls_field_source *source; /* from the first step on */
     char take[128], channel_name[32];
     uint32_t camera;
-    bool full_sphere, rgb, promoted, estimate, half;
+    bool full_sphere, rgb, estimate, half;
     struct ls_demosaic_region region;
     uint32_t *lights;       /* NULL = all, until the first step */
     size_t n_lights, light; /* current index */
     uint32_t row;           /* next, in the region */
     uint32_t channel;
-    const float *ratio; /* whole picture, or NULL */
+    struct ls_promotion promotion;
+    struct ls_way way;        /* of single lights */
+    struct ls_render *render; /* of the current light, where it is promoted */
 };
 
 static void fetch_destroy(struct ls_job *job)
 {
     struct fetch_job *self = (struct fetch_job *)job;
+    ls_render_close(self->render);
     if (self->source)
         ls_field_cache_put(self->cache, self->source);
     free(self->lights);
@@ -39,65 +43,42 @@ static void fetch_destroy(struct ls_job *job)
 
 /* ---- start ---- */
 
-/* Was the picture asked for at all? @light < 0: of any light. */
-static bool is_planned(const struct ls_take_facts *facts, uint32_t channel, int64_t light)
+/* Made of more than one picture per light? */
+static bool promoted(const struct fetch_job *self)
 {
-    for (uint32_t i = 0; i < facts->n_conditions; i++) {
-        const struct ls_condition_fact *f = &facts->conditions[i];
-        if (f->kind == LS_FACT_ONE && f->channel == channel && (light < 0 || f->light == light))
-            return true;
-    }
-    return false;
+    return self->way.kind != LS_WAY_PHOTOGRAPHED ||
+           (self->way.set && self->way.set->n_pictures > self->source->field.n_lights);
 }
 
-static enum ls_err not_planned(const struct fetch_job *self, const char *what, uint32_t channel,
-                               struct ls_diag *diag)
+/* A way without a set needs the pictures of all lights, and has them. */
+static bool has_light(const struct fetch_job *self, uint32_t light)
 {
-    const struct ls_field_source *source = self->source;
-    int s = ls_field_source_spectrum(source, channel);
-    bool promotable = s > 0 && !ls_field_source_promotable(source, (uint32_t)s, NULL);
-    return ls_fail(diag, LS_ERR_NOT_FOUND,
-                   "the plan of take %s has no picture of %s under %s%s", self->take, what,
-                   source->facts->channels[channel].name,
-                   promotable ? "; model sphere makes it from white and the full sphere" : "");
+    const struct ls_light_set *set = self->way.set;
+    for (uint32_t j = light; set && j < set->n_pictures; j += self->source->field.n_lights)
+        if (set->pictures[j].tiles == self->source->no_tiles)
+            return false;
+    return true;
 }
 
 static enum ls_err choose_lights(struct fetch_job *self, struct ls_diag *diag)
 {
     const struct ls_take_facts *facts = self->source->facts;
-    uint32_t from = self->ratio ? self->source->channel_of[0] : self->channel;
-    if (self->full_sphere) {
-        free(self->lights);
-        self->lights = calloc(1, sizeof *self->lights);
-        self->n_lights = 1;
-        return self->lights ? LS_OK : ls_fail(diag, LS_ERR_NOMEM, "out of memory");
-    }
     if (self->lights)
         return LS_OK;
     self->lights = calloc(facts->n_lights, sizeof *self->lights);
     if (!self->lights)
         return ls_fail(diag, LS_ERR_NOMEM, "out of memory");
+    if (self->full_sphere) {
+        self->n_lights = 1;
+        return LS_OK;
+    }
     for (uint32_t i = 0; i < facts->n_lights; i++)
-        if (ls_field_source_picture(self->source, from, i, NULL))
+        if (has_light(self, i))
             self->lights[self->n_lights++] = i;
-    if (self->n_lights == 0 && !is_planned(facts, from, -1))
-        return not_planned(self, "a single light", from, diag);
     if (self->n_lights == 0)
         return ls_fail(diag, LS_ERR_STATE, "take %s has no picture of a single light under %s",
                        self->take, self->channel_name);
     return LS_OK;
-}
-
-static enum ls_err choose_ratio(struct fetch_job *self, struct ls_diag *diag)
-{
-    int s = ls_field_source_spectrum(self->source, self->channel);
-    if (!self->promoted || s == 0)
-        return LS_OK;
-    if (s < 0)
-        return ls_fail(diag, LS_ERR_STATE,
-                       "take %s has no full sphere of channel %s: it cannot be promoted",
-                       self->take, self->channel_name);
-    return ls_field_source_ratio(self->source, (uint32_t)s, &self->ratio, diag);
 }
 
 static enum ls_err start(struct fetch_job *self, struct ls_diag *diag)
@@ -112,8 +93,8 @@ static enum ls_err start(struct fetch_job *self, struct ls_diag *diag)
                        self->channel_name);
     self->channel = (uint32_t)channel;
     err = ls_picture_region_check(&self->region, self->source->width, self->source->height, diag);
-    if (!err)
-        err = choose_ratio(self, diag);
+    if (!err && !self->full_sphere)
+        err = ls_promotion_find(self->source, &self->promotion, self->channel, &self->way, diag);
     return err ? err : choose_lights(self, diag);
 }
 
@@ -145,38 +126,34 @@ static enum ls_err sphere_picture(const struct fetch_job *self, struct picture *
     return LS_OK;
 }
 
+static enum ls_err check_light(const struct fetch_job *self, uint32_t light, struct ls_diag *diag)
+{
+    const struct ls_take_facts *facts = self->source->facts;
+    if (light >= facts->n_lights)
+        return ls_fail(diag, LS_ERR_NOT_FOUND, "light %u: the take has lights 0 to %u", light,
+                       facts->n_lights - 1);
+    if (has_light(self, light))
+        return LS_OK;
+    uint32_t from = promoted(self) ? self->source->channel_of[0] : self->channel;
+    bool planned = ls_field_source_planned(self->source, LS_FACT_ONE, from, light);
+    return ls_fail(diag, planned ? LS_ERR_STATE : LS_ERR_NOT_FOUND,
+                   "%s %s has no picture of light %u under %s", planned ? "take" : "the plan of take",
+                   self->take, light, facts->channels[from].name);
+}
+
 static enum ls_err light_picture(const struct fetch_job *self, struct picture *out,
                                  struct ls_diag *diag)
 {
     uint32_t light = self->lights[self->light];
-    uint32_t from = self->ratio ? self->source->channel_of[0] : self->channel;
-    if (light >= self->source->facts->n_lights)
-        return ls_fail(diag, LS_ERR_NOT_FOUND, "light %u: the take has lights 0 to %u", light,
-                       self->source->facts->n_lights - 1);
+    enum ls_err err = check_light(self, light, diag);
+    if (err)
+        return err;
+    uint32_t from = promoted(self) ? self->source->channel_of[0] : self->channel;
     out->map = ls_field_source_picture(self->source, from, light, NULL);
-    if (!out->map && !is_planned(self->source->facts, from, light)) {
-        char what[32];
-        snprintf(what, sizeof what, "light %u", light);
-        return not_planned(self, what, from, diag);
-    }
-    if (!out->map)
-        return ls_fail(diag, LS_ERR_STATE, "take %s has no picture of light %u under %s",
-                       self->take, light, self->source->facts->channels[from].name);
-    out->k = self->estimate ? 1 : ls_field_source_gain(self->source, from, light);
+    bool sum = promoted(self) && self->source->white_is_polarised;
+    out->k = self->estimate || sum ? 1 : ls_field_source_gain(self->source, from, light);
     out->gain = self->estimate ? 1 : out->k * self->source->field.scale;
     return LS_OK;
-}
-
-static void promote(const struct fetch_job *self, struct ls_demosaic_region band, float *rgb)
-{
-    uint32_t colours = self->source->field.n_channels;
-    for (uint32_t y = 0; y < band.height; y++) {
-        const float *ratio =
-            self->ratio + ((size_t)(band.y + y) * self->source->width + band.x) * colours;
-        float *row = rgb + (size_t)y * band.width * colours;
-        for (size_t i = 0; i < (size_t)band.width * colours; i++)
-            row[i] *= ratio[i];
-    }
 }
 
 static enum ls_err make_rgb(const struct fetch_job *self, const struct picture *picture,
@@ -190,12 +167,56 @@ static enum ls_err make_rgb(const struct fetch_job *self, const struct picture *
     ls_picture_map_read(picture->map, w.x, w.y, w.width, w.height, (float)picture->gain, mosaic);
     enum ls_err err = ls_relight_demosaic(&self->source->field, mosaic, w, band, out);
     free(mosaic);
-    if (!err && self->ratio)
-        promote(self, band, out);
     return err;
 }
 
-/* Values of a band as they go over the wire. */
+/* ---- promoted ---- */
+
+static enum ls_err open_render(struct fetch_job *self, struct ls_diag *diag)
+{
+    uint32_t n = self->source->field.n_lights;
+    LS_CLEANUP_FREE double *weights = calloc(n, sizeof *weights);
+    if (!weights)
+        return ls_fail(diag, LS_ERR_NOMEM, "out of memory");
+    weights[self->lights[self->light]] = 1;
+    const struct ls_render_term term = {.channel = self->channel, .weights = weights, .target = -1};
+    const struct ls_render_job job = {.promotion = self->promotion, .terms = &term, .n_terms = 1,
+                                      .n_pictures = 1, .region = self->region};
+    return ls_render_open(self->source, &job, &self->render, diag);
+}
+
+/* The next band as @components values per pixel; (transfer full). */
+static enum ls_err next_promoted(struct fetch_job *self, struct ls_demosaic_region *band,
+                                 float **values, struct ls_diag *diag)
+{
+    bool done = false;
+    enum ls_err err = self->render ? LS_OK : open_render(self, diag);
+    if (!err)
+        err = ls_render_step(self->render, band, values, &done, diag);
+    if (!err && done) {
+        ls_render_close(self->render);
+        self->render = NULL;
+    }
+    size_t n = err ? 0 : (size_t)band->width * band->height;
+    for (size_t j = 0; j < n && self->source->field.n_channels == 1; j++)
+        (*values)[j] = (*values)[3 * j];
+    return err;
+}
+
+/* ---- over the wire ---- */
+
+static enum ls_err halve(struct ls_chunk *chunk, size_t n, struct ls_diag *diag)
+{
+    uint16_t *halfs = malloc(n * sizeof *halfs);
+    if (!halfs)
+        return ls_fail(diag, LS_ERR_NOMEM, "out of memory");
+    ls_half_from_floats((const float *)(const void *)chunk->payload, halfs, n);
+    free(chunk->payload);
+    chunk->payload = (uint8_t *)halfs;
+    return LS_OK;
+}
+
+/* Values of a photographed band as they go over the wire. */
 static enum ls_err make_payload(const struct fetch_job *self, const struct picture *picture,
                                 struct ls_demosaic_region band, uint32_t components,
                                 struct ls_chunk *chunk, struct ls_diag *diag)
@@ -207,7 +228,6 @@ static enum ls_err make_payload(const struct fetch_job *self, const struct pictu
     if (!values)
         return ls_fail(diag, LS_ERR_NOMEM, "out of memory");
     chunk->payload = (uint8_t *)values;
-    chunk->payload_bytes = n * (self->half ? 2 : 4);
     if (exact)
         ls_picture_map_read_half(picture->map, band.x, band.y, band.width, band.height,
                                  (uint16_t *)values);
@@ -216,15 +236,7 @@ static enum ls_err make_payload(const struct fetch_job *self, const struct pictu
     else
         ls_picture_map_read(picture->map, band.x, band.y, band.width, band.height,
                             (float)picture->gain, values);
-    if (err || exact || !self->half)
-        return err;
-    uint16_t *halfs = malloc(n * sizeof *halfs);
-    if (!halfs)
-        return ls_fail(diag, LS_ERR_NOMEM, "out of memory");
-    ls_half_from_floats(values, halfs, n);
-    free(values);
-    chunk->payload = (uint8_t *)halfs;
-    return LS_OK;
+    return err || exact || !self->half ? err : halve(chunk, n, diag);
 }
 
 static void describe(const struct fetch_job *self, const struct picture *picture,
@@ -244,28 +256,60 @@ static void describe(const struct fetch_job *self, const struct picture *picture
     body->calibrated = self->source->calibrated;
 }
 
-static enum ls_err make_band(struct fetch_job *self, struct ls_chunk *chunk, bool *last,
-                             struct ls_diag *diag)
+static enum ls_err photographed_band(struct fetch_job *self, const struct picture *picture,
+                                     struct ls_demosaic_region *band, uint32_t components,
+                                     struct ls_chunk *chunk, struct ls_diag *diag)
 {
-    struct picture picture = {0};
-    Lightstage__FetchReply body;
-    uint32_t components = self->rgb ? self->source->field.n_channels : 1;
     uint32_t left = self->region.height - self->row;
-    struct ls_demosaic_region band = {self->region.x, self->region.y + self->row,
-                                      self->region.width, left < BAND_ROWS ? left : BAND_ROWS};
-    enum ls_err err = self->full_sphere ? sphere_picture(self, &picture, diag)
-                                        : light_picture(self, &picture, diag);
-    if (!err)
-        err = make_payload(self, &picture, band, components, chunk, diag);
-    if (err)
-        return err;
-    describe(self, &picture, band, components, &body);
-    self->row += band.height;
+    *band = (struct ls_demosaic_region){self->region.x, self->region.y + self->row,
+                                        self->region.width, left < BAND_ROWS ? left : BAND_ROWS};
+    return make_payload(self, picture, *band, components, chunk, diag);
+}
+
+static enum ls_err promoted_band(struct fetch_job *self, struct ls_demosaic_region *band,
+                                 uint32_t components, struct ls_chunk *chunk, struct ls_diag *diag)
+{
+    float *values = NULL;
+    enum ls_err err = next_promoted(self, band, &values, diag);
+    chunk->payload = (uint8_t *)values;
+    return err || !self->half
+               ? err
+               : halve(chunk, (size_t)band->width * band->height * components, diag);
+}
+
+static void advance(struct fetch_job *self, const struct ls_demosaic_region *band, bool *last)
+{
+    self->row += band->height;
     if (self->row == self->region.height) {
         self->row = 0;
         self->light++;
     }
     *last = self->light == self->n_lights;
+}
+
+static enum ls_err make_band(struct fetch_job *self, struct ls_chunk *chunk, bool *last,
+                             struct ls_diag *diag)
+{
+    struct picture picture = {0};
+    struct ls_demosaic_region band = {0};
+    Lightstage__FetchReply body;
+    Lightstage__SpectrumReport report;
+    uint32_t components = self->rgb ? self->source->field.n_channels : 1;
+    enum ls_err err = self->full_sphere ? sphere_picture(self, &picture, diag)
+                                        : light_picture(self, &picture, diag);
+    if (!err)
+        err = promoted(self) ? promoted_band(self, &band, components, chunk, diag)
+                             : photographed_band(self, &picture, &band, components, chunk, diag);
+    if (err)
+        return err;
+    describe(self, &picture, band, components, &body);
+    chunk->payload_bytes =
+        (size_t)band.width * band.height * components * (self->half ? 2 : sizeof(float));
+    if (self->row == 0 && !self->full_sphere) {
+        ls_promotion_report(self->source, &self->promotion, &self->way, &report);
+        body.spectrum = &report;
+    }
+    advance(self, &band, last);
     return ls_message_frame(LS_MESSAGE_FETCH | LS_MESSAGE_REPLY, self->job.request,
                             *last ? LS_FRAME_LAST : 0, &body.base, chunk->payload_bytes,
                             &chunk->head, &chunk->head_bytes, diag);
@@ -288,12 +332,20 @@ static enum ls_err check(const Lightstage__Fetch *fetch, struct ls_diag *diag)
     if (fetch->n_lights > LS_MAX_LIGHTS)
         return ls_fail(diag, LS_ERR_LIMIT, "fetch: %zu lights, at most %d", fetch->n_lights,
                        LS_MAX_LIGHTS);
-    if (fetch->model == LIGHTSTAGE__MODEL__SPHERE && fetch->layout == LIGHTSTAGE__LAYOUT__MOSAIC)
+    return LS_OK;
+}
+
+/* What is photographed needs no model; what is promoted is RGB and gained. */
+static enum ls_err check_promotion(const Lightstage__Fetch *fetch,
+                                   const struct ls_promotion *promotion, struct ls_diag *diag)
+{
+    if (promotion->model == LIGHTSTAGE__MODEL__MEASURED)
+        return LS_OK;
+    if (fetch->layout == LIGHTSTAGE__LAYOUT__MOSAIC)
         return ls_fail(diag, LS_ERR_UNSUPPORTED,
                        "fetch: a promoted field has no mosaic (ratios are formed after "
                        "demosaicing); ask for rgb");
-    if (fetch->model == LIGHTSTAGE__MODEL__SPHERE &&
-        fetch->quantity == LIGHTSTAGE__QUANTITY__ESTIMATE)
+    if (fetch->quantity == LIGHTSTAGE__QUANTITY__ESTIMATE)
         return ls_fail(diag, LS_ERR_UNSUPPORTED,
                        "fetch: an estimate is photographed, not promoted; ask for the reflectance");
     return LS_OK;
@@ -304,7 +356,12 @@ enum ls_err ls_fetch_job_create(uint32_t request, struct ls_field_cache *cache,
                                 struct ls_diag *diag)
 {
     static const struct ls_job_ops ops = {"fetch", fetch_step, fetch_destroy};
+    struct ls_promotion promotion;
     enum ls_err err = check(fetch, diag);
+    if (!err)
+        err = ls_promotion_read(fetch->promotion, fetch->model, &promotion, diag);
+    if (!err)
+        err = check_promotion(fetch, &promotion, diag);
     if (err)
         return err;
     struct fetch_job *self = g_new0(struct fetch_job, 1);
@@ -315,7 +372,7 @@ enum ls_err ls_fetch_job_create(uint32_t request, struct ls_field_cache *cache,
     self->camera = fetch->camera;
     self->full_sphere = fetch->full_sphere;
     self->rgb = fetch->layout == LIGHTSTAGE__LAYOUT__RGB;
-    self->promoted = fetch->model == LIGHTSTAGE__MODEL__SPHERE && !fetch->full_sphere;
+    self->promotion = promotion;
     self->estimate = fetch->quantity == LIGHTSTAGE__QUANTITY__ESTIMATE;
     self->half = fetch->sample == LIGHTSTAGE__SAMPLE__HALF;
     self->region = ls_picture_region_of(fetch->region);

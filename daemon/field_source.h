@@ -1,8 +1,13 @@
 /*
  * field_source: a take on disk as core's reflectance field: its pictures mapped, its gains and
- * geometry filled in, its promotion ratios made once.
- * Layer: daemon. Threads: opened by one; then read-only except for ls_field_source_ratio, which
- * any thread may call. Ownership: the source owns everything it points at.
+ * geometry filled in, the maps that promote it made once.
+ * Layer: daemon. Threads: opened by one; then read-only except for its maps (daemon/field_maps.h),
+ * which any thread may ask for. Ownership: the source owns everything it points at.
+ *
+ * A take may hold, of any channel: each light by itself, the full sphere, segments of the dome, the
+ * head light. Spectra of the field are the channels of kind spectrum of which it holds any of these,
+ * white first. White is the first channel photographed light by light; in a take whose lights were
+ * photographed behind polarisers only, it is the sum of the two, V + H.
  *
  * Without a calibration in the take the field is what it can be: gains, p and factors 1, scale 1
  * (values as stored, white near 1), cells from the lights' positions; `calibrated` is false.
@@ -19,31 +24,42 @@
 #include <stdbool.h>
 #include <stdint.h>
 
+/** The pictures of single lights that are summed with one weight per light. White behind polarisers
+ * has two pictures per light; picture j shows light j % lights of the rig. */
+struct ls_light_set {
+    uint32_t n_pictures, n_found; /* n_found 0: not photographed */
+    struct ls_picture *pictures;  /* [n_pictures]; no_tiles where there is none */
+    float *tile_max;              /* [tiles_y * tiles_x][n_pictures] */
+    double *k;                    /* [n_pictures] */
+};
+
+struct ls_field_maps;
+
 struct ls_field_source {
-    char take[128];
+    char take[128], storage[4096];
     uint32_t camera;
     struct ls_take_facts *facts;
     uint32_t width, height;
     bool calibrated;
     struct ls_picture_map *maps; /* per condition of facts; base NULL = not published */
 
-    /* Spectrum 0 is the channel photographed per light; then the channels of kind spectrum that
-     * have a full sphere. */
-    struct ls_field field;
+    struct ls_field field;                     /* its white is that of `white`, below */
     uint32_t channel_of[LS_FIELD_MAX_SPECTRA]; /* spectrum -> channel of facts */
-    bool has_sphere[LS_FIELD_MAX_SPECTRA];
-    uint32_t n_white; /* lights with a picture */
-    float *tile_max;  /* [tiles_y * tiles_x][n_lights] */
+    bool has_sphere[LS_FIELD_MAX_SPECTRA];     /* photographed, and its factor calibrated */
+    struct ls_light_set set[LS_MAX_CHANNELS];  /* by channel of facts */
+    struct ls_light_set white;
+    bool white_is_polarised;    /* V + H */
+    int32_t vertical, horizontal; /* channels V and H of kind polariser, else the rig's first and
+                                     second of that kind; or -1 */
+    double neutral_vh[2][3];    /* p of vertical and horizontal, by camera channel */
+    struct ls_field_maps *promoted;
 
     /* owned, behind the field's pointers */
-    struct ls_picture *white, *sphere;
+    struct ls_picture *sphere;
     const void **no_tiles;
     double *k, *g, *omega_sr, *p, *duty, *factor;
     float (*directions)[3];
     double *k_all; /* [n_channels of facts][n_lights] */
-
-    GMutex ratio_lock;
-    float *ratio[LS_FIELD_MAX_SPECTRA]; /* [height][width][n_channels], NULL = not made yet */
 };
 
 /**
@@ -66,17 +82,18 @@ int ls_field_source_spectrum(const struct ls_field_source *source, uint32_t chan
 /** Gain k of a channel's light; 1 where uncalibrated. */
 double ls_field_source_gain(const struct ls_field_source *source, uint32_t channel, uint32_t light);
 
-/** May spectrum @s be promoted? LS_ERR_STATE says what the take lacks: a full sphere, a light. */
-LS_MUST_CHECK enum ls_err ls_field_source_promotable(const struct ls_field_source *source,
-                                                     uint32_t s, struct ls_diag *diag);
+/** Did the plan ask for a picture of this kind? @light < 0: of any light. */
+bool ls_field_source_planned(const struct ls_field_source *source, enum ls_fact_kind kind,
+                             uint32_t channel, int64_t light);
 
-/**
- * The stable ratio of spectrum @s (not 0) over the whole picture; the first call makes those of
- * every promotable spectrum in one pass over the field, later ones return at once. Errors: those
- * of ls_field_source_promotable, LS_ERR_NOMEM. (transfer none).
- */
-LS_MUST_CHECK enum ls_err ls_field_source_ratio(struct ls_field_source *source, uint32_t s,
-                                                const float **ratio, struct ls_diag *diag);
+/** What a stored picture of a condition's lights is multiplied by to be the sum of its lights' E:
+ * factor / duty. 0 where the take is calibrated and this pattern at this duty is not. */
+double ls_field_source_factor(const struct ls_field_source *source,
+                              const struct ls_condition_fact *fact);
+
+/** row[j] = w[light of j] k[j], for ls_accumulate. @w NULL = 1. */
+void ls_light_set_row(const struct ls_light_set *set, const double *w, uint32_t n_lights,
+                      float *row);
 
 /** Could every picture be read so far and, if @sizes, is every file still as long as it was? Ask
  * after each piece of work on the pictures and trust the work only then. LS_ERR_INVALID names the

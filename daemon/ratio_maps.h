@@ -1,9 +1,9 @@
 /*
- * ratio_maps: the stable ratios F/V of a whole picture, for several spectra in one pass.
- * Layer: daemon. Threads: any. Ownership: the maps made are the caller's, free().
+ * ratio_maps: the stable ratios F/V of a whole picture, several in one pass over the pictures.
+ * Layer: daemon. Threads: any. Ownership: all arrays are the caller's.
  *
- * LeGendre, Yu and Debevec, Eq. 1, as core/promote.h does it. Works in bands of rows, so that the
- * memory beside the maps themselves stays near 600 rows of every spectrum; the result does not
+ * LeGendre, Yu and Debevec, Eq. 1 and 2, as core/promote.h does it. Works in bands of rows, so that
+ * the memory beside the maps themselves stays near 250 rows of every ratio; the result does not
  * depend on the bands.
  */
 #ifndef LS_DAEMON_RATIO_MAPS_H
@@ -14,12 +14,17 @@
 
 #include <stdint.h>
 
-/**
- * maps[s], for each s of @spectra, becomes [height][width][n_channels]; an older map is kept and
- * its spectrum left out. Errors: LS_ERR_NOMEM, those of core/promote.h; maps made until then stay
- * NULL.
- */
-LS_MUST_CHECK enum ls_err ls_ratio_maps_make(const struct ls_field *field, const uint32_t *spectra,
-                                             uint32_t n, float **maps, struct ls_diag *diag);
+/** Ratio q = sum_j f_rows[q][j] f[j] / sum_j v_rows[q][j] v[j]. */
+struct ls_ratio_job {
+    uint32_t n, n_v, n_f;
+    const struct ls_picture *v, *f; /* [n_v], [n_f] */
+    const float *v_rows, *f_rows;   /* [n][n_v], [n][n_f] */
+    const double (*neutral)[3];     /* [n], p(s,c) / p(0,c) */
+    float **maps;                   /* [n] -> [height][width][n_channels] */
+};
+
+/** Errors: LS_ERR_NOMEM, those of core/promote.h and ls_accumulate. */
+LS_MUST_CHECK enum ls_err ls_ratio_maps_make(const struct ls_field *field,
+                                             const struct ls_ratio_job *job, struct ls_diag *diag);
 
 #endif

@@ -21,6 +21,8 @@ void ls_take_facts_destroy(struct ls_take_facts *facts)
     if (!facts)
         return;
     ls_calibration_destroy(facts->calibration);
+    for (uint32_t i = 0; i < facts->n_conditions; i++)
+        free(facts->conditions[i].lights);
     free(facts->position_m);
     free(facts->conditions);
     free(facts);
@@ -83,6 +85,9 @@ static enum ls_err read_camera(struct ls_take_facts *facts, const json_t *rig, u
         ls_pixel_by_name(json_string_value(json_object_get(item, "pixel_format")));
     if (!format)
         return wrong(diag, "rig.cameras.pixel_format", "a GenICam name");
+    for (size_t a = 0; a < 3; a++)
+        facts->camera_position_m[a] = (float)json_number_value(
+            json_array_get(json_object_get(item, "position_m"), a));
     facts->cfa = format->cfa;
     facts->full_scale_dn = json_number_value(json_object_get(item, "full_scale_dn"));
     facts->electrons_per_dn = json_number_value(json_object_get(item, "electrons_per_dn"));
@@ -93,31 +98,64 @@ static enum ls_err read_camera(struct ls_take_facts *facts, const json_t *rig, u
     return LS_OK;
 }
 
-static enum ls_fact_kind kind_of(const char *word)
+/* Lit together as one part of the dome; other lists of lights belong to bases. */
+static enum ls_fact_kind kind_of_segment(const char *pattern)
+{
+    if (pattern && strcmp(pattern, "headlight") == 0)
+        return LS_FACT_HEADLIGHT;
+    bool part = !pattern || strncmp(pattern, "segments-", 9) == 0 ||
+                strncmp(pattern, "lights-", 7) == 0;
+    return part ? LS_FACT_SEGMENT : LS_FACT_OTHER;
+}
+
+static enum ls_fact_kind kind_of(const char *word, const char *pattern)
 {
     if (word && strcmp(word, "dark") == 0)
         return LS_FACT_DARK;
     if (word && strcmp(word, "one") == 0)
         return LS_FACT_ONE;
-    return word && strcmp(word, "sphere") == 0 ? LS_FACT_SPHERE : LS_FACT_OTHER;
+    if (word && strcmp(word, "sphere") == 0)
+        return LS_FACT_SPHERE;
+    return word && strcmp(word, "segment") == 0 ? kind_of_segment(pattern) : LS_FACT_OTHER;
 }
 
-static enum ls_err read_condition(struct ls_take_facts *facts, const json_t *item,
-                                  struct ls_condition_fact *out, struct ls_diag *diag)
+static int by_row(const void *a, const void *b)
 {
-    const char *id = json_string_value(json_object_get(item, "id"));
+    uint32_t x = *(const uint32_t *)a, y = *(const uint32_t *)b;
+    return x < y ? -1 : x > y;
+}
+
+static enum ls_err read_lights(const struct ls_take_facts *facts, const json_t *item,
+                               struct ls_condition_fact *out, struct ls_diag *diag)
+{
+    const json_t *list = json_object_get(item, "lights");
+    size_t n = json_array_size(list);
+    if (n < 1 || n > facts->n_lights)
+        return wrong(diag, "plan.conditions.lights", "rows of the rig");
+    out->lights = calloc(n, sizeof *out->lights);
+    if (!out->lights)
+        return ls_fail(diag, LS_ERR_NOMEM, "out of memory");
+    out->n_lights = (uint32_t)n;
+    for (size_t i = 0; i < n; i++) {
+        json_int_t light = json_integer_value(json_array_get(list, i));
+        if (!json_is_integer(json_array_get(list, i)) || light < 0 || light >= facts->n_lights)
+            return wrong(diag, "plan.conditions.lights", "rows of the rig");
+        out->lights[i] = (uint32_t)light;
+    }
+    qsort(out->lights, n, sizeof *out->lights, by_row);
+    for (size_t i = 1; i < n; i++)
+        if (out->lights[i] == out->lights[i - 1])
+            return wrong(diag, "plan.conditions.lights", "each light once");
+    return LS_OK;
+}
+
+static enum ls_err read_lit(const struct ls_take_facts *facts, const json_t *item,
+                            struct ls_condition_fact *out, struct ls_diag *diag)
+{
     const char *channel = json_string_value(json_object_get(item, "channel"));
     json_int_t light = json_integer_value(json_object_get(item, "light"));
     json_int_t level = json_integer_value(json_object_get(item, "level"));
     int index = channel ? ls_take_facts_channel(facts, channel) : -1;
-    if (!id || strlen(id) >= sizeof out->id)
-        return wrong(diag, "plan.conditions.id", "a name");
-    snprintf(out->id, sizeof out->id, "%s", id);
-    out->kind = kind_of(json_string_value(json_object_get(item, "kind")));
-    out->watch = json_is_true(json_object_get(item, "watch"));
-    out->repeats = (uint32_t)json_integer_value(json_object_get(item, "repeats"));
-    if (out->kind != LS_FACT_ONE && out->kind != LS_FACT_SPHERE)
-        return LS_OK;
     if (index < 0 || level < 1 || level > FULL_LEVEL)
         return wrong(diag, "plan.conditions", "channel of the rig and level 1 to 65535");
     if (out->kind == LS_FACT_ONE && (light < 0 || light >= facts->n_lights))
@@ -125,7 +163,41 @@ static enum ls_err read_condition(struct ls_take_facts *facts, const json_t *ite
     out->light = (uint32_t)light;
     out->channel = (uint32_t)index;
     out->duty = (double)level / FULL_LEVEL;
+    if (out->kind == LS_FACT_SEGMENT || out->kind == LS_FACT_HEADLIGHT)
+        return read_lights(facts, item, out, diag);
     return LS_OK;
+}
+
+/* Plans that do not name their patterns. */
+static void name_pattern(struct ls_condition_fact *out)
+{
+    if (out->pattern[0])
+        return;
+    if (out->kind == LS_FACT_SPHERE)
+        snprintf(out->pattern, sizeof out->pattern, "sphere");
+    else if (out->kind == LS_FACT_SEGMENT)
+        snprintf(out->pattern, sizeof out->pattern, "lights-%u", out->n_lights & 0xffff);
+}
+
+static enum ls_err read_condition(const struct ls_take_facts *facts, const json_t *item,
+                                  struct ls_condition_fact *out, struct ls_diag *diag)
+{
+    const char *id = json_string_value(json_object_get(item, "id"));
+    const char *pattern = json_string_value(json_object_get(item, "pattern"));
+    if (!id || strlen(id) >= sizeof out->id)
+        return wrong(diag, "plan.conditions.id", "a name");
+    if (pattern && strlen(pattern) >= sizeof out->pattern)
+        return wrong(diag, "plan.conditions.pattern", "at most 15 letters");
+    snprintf(out->id, sizeof out->id, "%s", id);
+    snprintf(out->pattern, sizeof out->pattern, "%s", pattern ? pattern : "");
+    out->kind = kind_of(json_string_value(json_object_get(item, "kind")), pattern);
+    out->watch = json_is_true(json_object_get(item, "watch"));
+    out->repeats = (uint32_t)json_integer_value(json_object_get(item, "repeats"));
+    if (out->kind == LS_FACT_OTHER || out->kind == LS_FACT_DARK)
+        return LS_OK;
+    enum ls_err err = read_lit(facts, item, out, diag);
+    name_pattern(out);
+    return err;
 }
 
 static enum ls_err read_plan(struct ls_take_facts *facts, const json_t *doc, struct ls_diag *diag)

@@ -14,15 +14,25 @@
 #include <stdbool.h>
 #include <stdint.h>
 
-enum ls_fact_kind { LS_FACT_OTHER, LS_FACT_DARK, LS_FACT_ONE, LS_FACT_SPHERE };
+enum ls_fact_kind {
+    LS_FACT_OTHER,
+    LS_FACT_DARK,
+    LS_FACT_ONE,
+    LS_FACT_SPHERE,
+    LS_FACT_SEGMENT,
+    LS_FACT_HEADLIGHT,
+};
 
 struct ls_condition_fact {
     char id[64];
     enum ls_fact_kind kind;
-    bool watch;       /* DARK: no light has it subtracted */
-    uint32_t light;   /* ONE */
-    uint32_t channel; /* ONE, SPHERE; index into channels */
-    double duty;      /* of full level, (0, 1] */
+    bool watch;        /* DARK: no light has it subtracted */
+    uint32_t light;    /* ONE */
+    uint32_t channel;  /* all but DARK and OTHER; index into channels */
+    double duty;       /* of full level, (0, 1] */
+    char pattern[16];  /* its class in the calibration: "sphere", "segments-14", "lights-25" */
+    uint32_t *lights;  /* SEGMENT, HEADLIGHT: those lit, rows of the rig, ascending */
+    uint32_t n_lights; /* 0 otherwise */
     uint32_t repeats;
 };
 
@@ -39,6 +49,7 @@ struct ls_take_facts {
     double exposure_s[LS_MAX_EXPOSURES];
     double reference_exposure_s;
     /* of the camera asked for */
+    float camera_position_m[3]; /* zero where the take does not say */
     enum ls_cfa cfa;
     double full_scale_dn, electrons_per_dn, read_noise_dn;
     struct ls_calibration *calibration; /* NULL: none was given */

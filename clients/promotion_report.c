@@ -1,0 +1,111 @@
+#include "clients/promotion_report.h"
+
+#include "proto/models.h"
+
+#include <math.h>
+#include <stdio.h>
+#include <string.h>
+
+void ls_promotion_report_keep(struct ls_promotion_report *report,
+                              Lightstage__SpectrumReport *const *spectra, size_t n)
+{
+    report->n = 0;
+    for (size_t i = 0; i < n && report->n < LS_SPECTRA_SAID; i++) {
+        const Lightstage__SpectrumReport *from = spectra[i];
+        struct ls_spectrum_said *to = &report->spectrum[report->n];
+        if (!ls_model_name(from->model) || !ls_reference_name(from->reference))
+            continue; /* of a newer daemon */
+        snprintf(to->channel, sizeof to->channel, "%s", from->channel);
+        to->model = from->model;
+        to->reference = from->reference;
+        to->segments = from->segments;
+        to->inseparable_lights = from->inseparable_lights;
+        to->left_out_error = from->left_out_error;
+        to->left_out_share = from->left_out_share;
+        report->n++;
+    }
+}
+
+static bool is_estimated(const struct ls_spectrum_said *said)
+{
+    return said->left_out_share > 0 && isfinite(said->left_out_error);
+}
+
+/* What a spectrum was divided by. */
+static const char *reference_of(const struct ls_spectrum_said *said)
+{
+    return said->model == LIGHTSTAGE__MODEL__MEASURED ? "none" : ls_reference_name(said->reference);
+}
+
+static const struct ls_spectrum_said *first_promoted(const struct ls_promotion_report *report)
+{
+    for (uint32_t i = 0; i < report->n; i++)
+        if (report->spectrum[i].model != LIGHTSTAGE__MODEL__MEASURED)
+            return &report->spectrum[i];
+    return NULL;
+}
+
+static void list_models(const struct ls_promotion_report *report, struct ls_exr_attrs *attrs)
+{
+    char text[LS_SPECTRA_SAID * 48] = "";
+    for (uint32_t i = 0; i < report->n; i++) {
+        size_t used = strlen(text);
+        snprintf(text + used, sizeof text - used, "%s%s %s", i ? ", " : "",
+                 report->spectrum[i].channel, ls_model_name(report->spectrum[i].model));
+    }
+    if (report->n > 1)
+        ls_exr_attrs_string(attrs, "lightstage/models", text);
+}
+
+void ls_promotion_report_attrs(const struct ls_promotion_report *report, bool baseline,
+                               struct ls_exr_attrs *attrs)
+{
+    const struct ls_spectrum_said *said = first_promoted(report);
+    double worst = -1;
+    for (uint32_t i = 0; i < report->n; i++)
+        if (is_estimated(&report->spectrum[i]))
+            worst = fmax(worst, report->spectrum[i].left_out_error);
+    ls_exr_attrs_string(attrs, "lightstage/model",
+                        baseline ? "tristimulus" : said ? ls_model_name(said->model) : "measured");
+    ls_exr_attrs_string(attrs, "lightstage/reference",
+                        said && !baseline ? reference_of(said) : "none");
+    list_models(report, attrs);
+    if (worst >= 0)
+        ls_exr_attrs_float(attrs, "lightstage/leftOutError", (float)worst);
+}
+
+static json_t *spectrum_json(const struct ls_spectrum_said *said)
+{
+    json_t *out = json_pack("{ss ss ss}", "channel", said->channel, "model",
+                            ls_model_name(said->model), "reference", reference_of(said));
+    if (said->segments > 0)
+        json_object_set_new(out, "segments", json_integer(said->segments));
+    if (is_estimated(said)) {
+        json_object_set_new(out, "left_out_error", json_real(said->left_out_error));
+        json_object_set_new(out, "left_out_share", json_real(said->left_out_share));
+    }
+    if (said->model == LIGHTSTAGE__MODEL__SEPARATED)
+        json_object_set_new(out, "inseparable_lights", json_integer(said->inseparable_lights));
+    return out;
+}
+
+json_t *ls_promotion_report_json(const struct ls_promotion_report *report)
+{
+    json_t *out = json_array();
+    for (uint32_t i = 0; i < report->n; i++)
+        json_array_append_new(out, spectrum_json(&report->spectrum[i]));
+    return out;
+}
+
+void ls_promotion_report_print(const struct ls_promotion_report *report)
+{
+    for (uint32_t i = 0; i < report->n; i++) {
+        const struct ls_spectrum_said *said = &report->spectrum[i];
+        if (is_estimated(said))
+            printf("%s: fitted on %u segments; each left out and predicted: %.2f %% off\n",
+                   said->channel, said->segments, 100 * said->left_out_error);
+        if (said->model == LIGHTSTAGE__MODEL__SEPARATED && said->inseparable_lights > 0)
+            printf("%s: %u lights are inseparable: promoted whole, by Eq. 1\n", said->channel,
+                   said->inseparable_lights);
+    }
+}

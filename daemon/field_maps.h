@@ -1,0 +1,62 @@
+/*
+ * field_maps: what promotes a take's field, pixel by pixel, made once and kept beside the take.
+ * Layer: daemon. Threads: any; one makes maps at a time, others that need one wait. Ownership: a
+ * source's; a map lives as long as its source.
+ *
+ * Maps lie in nameless files of the storage folder (daemon/map_file.h). They do not depend on bands
+ * or threads.
+ */
+#ifndef LS_DAEMON_FIELD_MAPS_H
+#define LS_DAEMON_FIELD_MAPS_H
+
+#include "core/error.h"
+#include "daemon/field_source.h"
+
+#include <stdint.h>
+
+enum ls_field_map_kind {
+    LS_MAP_SPHERE,    /* Eq. 1, the field under the spectrum's own strengths as denominator */
+    LS_MAP_PAPER,     /* Eq. 1, the photographed white sphere as denominator */
+    LS_MAP_HEADLIGHT, /* Eq. 2 */
+    LS_MAP_LINEAR,    /* core/linear.h; mono with one spectrum per light: core/mono_blend.h */
+    LS_MAP_SEPARATED, /* core/separate.h's remainder; + 1: ideal polarisation, + 2: plain conductors */
+    LS_MAP_KINDS = LS_MAP_SEPARATED + 4,
+};
+
+struct ls_field_map {
+    const float *values; /* [height][width][depth] */
+    uint32_t depth;      /* ratios: n_channels; matrices: n_channels x n_inputs; blends: segments */
+    /* of LINEAR */
+    uint32_t n_segments;
+    uint32_t n_inputs;     /* 0: a blend of ratios */
+    uint32_t inputs[6];    /* spectra of which each light was photographed; white first */
+    double *phi;           /* blend: [n_lights][n_segments] */
+    double left_out_error; /* relative RMS of segments predicted from the others; 0 = none */
+    double left_out_share; /* of the picture's pixels it rests on */
+    /* of SEPARATED */
+    uint32_t n_inseparable; /* lights */
+};
+
+/** (transfer full). LS_ERR_NOMEM. */
+LS_MUST_CHECK enum ls_err ls_field_maps_create(struct ls_field_maps **out, struct ls_diag *diag);
+
+/** Could the map of spectrum @s be made? LS_ERR_NOT_FOUND: the plan never asked for the pictures it
+ * needs; LS_ERR_STATE: they are not all there, or their pattern is not calibrated. The sentence says
+ * which, and what makes them. Reads nothing. */
+LS_MUST_CHECK enum ls_err ls_field_maps_possible(const struct ls_field_source *source,
+                                                 enum ls_field_map_kind kind, uint32_t s,
+                                                 struct ls_diag *diag);
+
+/**
+ * The map of spectrum @s (not 0); the first call makes it, for ratios those of every other possible
+ * spectrum too in the same pass over the field; later ones return at once. Errors: those of
+ * ls_field_maps_possible, ls_field_source_sound, ls_map_file_create and core. (transfer none).
+ */
+LS_MUST_CHECK enum ls_err ls_field_maps_get(struct ls_field_source *source,
+                                            enum ls_field_map_kind kind, uint32_t s,
+                                            const struct ls_field_map **out, struct ls_diag *diag);
+
+/** NULL is allowed. */
+void ls_field_maps_destroy(struct ls_field_maps *maps);
+
+#endif
