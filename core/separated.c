@@ -16,13 +16,17 @@ enum {
     WINDOW_PX = (STRIP_ROWS + 2 * LS_DEMOSAIC_HALO) * WINDOW_SIDE,
 };
 
+_Static_assert(WINDOW_PX % LS_SEPARATED_PAD == 0 && STRIP_PX % LS_SEPARATED_PAD == 0,
+               "the kernels round up");
+
 /* What a group of lights sends to one strip. */
 struct group {
     uint32_t light[GROUP], n;
+    float v[WINDOW_PX], h[WINDOW_PX];
     float d[GROUP][WINDOW_PX], s[GROUP][WINDOW_PX];
-    float variance[WINDOW_PX], sigma[STRIP_PX];
-    float metal[GROUP][3 * STRIP_PX];
-    float row_v[WINDOW_SIDE], row_h[WINDOW_SIDE];
+    float variance[WINDOW_PX + LS_SEPARATED_PAD + 1], sigma[STRIP_PX + LS_SEPARATED_PAD];
+    float metal[GROUP][3][STRIP_PX];
+    float w[LS_SEPARATED_MAX_ROWS][GROUP];
 };
 
 /* One call of ls_separated_accumulate. */
@@ -85,7 +89,8 @@ static bool load_piece(struct pass *pass, const struct strip *strip, uint32_t li
     uint32_t wide = f->width - left < LS_TILE_SIDE ? f->width - left : LS_TILE_SIDE;
     size_t offset = (size_t)(y - ty * LS_TILE_SIDE) * wide + (x - left);
     const void *v = samples(&f->v[light], tile, offset), *h = samples(&f->h[light], tile, offset);
-    float *to_v = g->row_v + (x - strip->window.x), *to_h = g->row_h + (x - strip->window.x);
+    size_t at = (size_t)(y - strip->window.y) * strip->window.width + (x - strip->window.x);
+    float *to_v = g->v + at, *to_h = g->h + at;
     if (v)
         pass->not_finite += pass->kernels->widen(v, end - x, to_v);
     else
@@ -104,18 +109,14 @@ static bool load(struct pass *pass, const struct strip *strip, uint32_t k)
     const struct ls_demosaic_region *w = &strip->window;
     struct ls_separated_terms terms = terms_of(pass, g->light[k]);
     bool any = false;
-    for (uint32_t y = 0; y < w->height; y++) {
-        bool row = false;
+    for (uint32_t y = w->y; y < w->y + w->height; y++)
         for (uint32_t x = w->x, end; x < w->x + w->width; x = end) {
             end = (x / LS_TILE_SIDE + 1) * LS_TILE_SIDE;
             end = end < w->x + w->width ? end : w->x + w->width;
-            row |= load_piece(pass, strip, g->light[k], x, end, w->y + y, g);
+            any |= load_piece(pass, strip, g->light[k], x, end, y, g);
         }
-        size_t at = (size_t)y * w->width;
-        pass->kernels->split(&terms, g->row_v, g->row_h, w->width, g->d[k] + at, g->s[k] + at,
-                             g->variance + at);
-        any |= row;
-    }
+    pass->kernels->split(&terms, g->v, g->h, (size_t)w->width * w->height, g->d[k], g->s[k],
+                         g->variance);
     return any;
 }
 
@@ -160,15 +161,14 @@ static enum ls_err find_metal(struct pass *pass, const struct strip *strip, uint
 {
     struct group *g = pass->group;
     size_t n = (size_t)strip->at.width * strip->at.height;
-    float *plane[3] = {g->metal[k], g->metal[k] + n, g->metal[k] + 2 * n};
-    const float *const from[3] = {plane[0], plane[1], plane[2]};
+    float *plane[3] = {g->metal[k][0], g->metal[k][1], g->metal[k][2]};
     struct ls_demosaic_target target = {
         .plane = {plane[0], plane[1], plane[2]}, .pixel_step = 1, .row_step = strip->at.width};
     enum ls_err err = demosaic(pass, strip, g->s[k], &target);
     if (err)
         return err;
     find_sigma(pass, strip);
-    pass->kernels->conductor(&pass->field->conductor, from, g->sigma, n, plane, NULL);
+    pass->kernels->conductor(&pass->field->conductor, plane, g->sigma, n);
     return LS_OK;
 }
 
@@ -176,12 +176,23 @@ static void add_sums(const struct pass *pass, const float *values, size_t stride
                      size_t sum_stride, float *sums)
 {
     const struct group *g = pass->group;
-    for (uint32_t q = 0; q < pass->job->n_rows; q++) {
-        float w[GROUP];
-        for (uint32_t k = 0; k < GROUP; k++)
-            w[k] = k < g->n ? weight(pass->job, q, g->light[k]) : 0;
-        pass->kernels->add(w, g->n, values, stride, n, sums + q * sum_stride);
-    }
+    struct ls_separated_add add = {.w = (const float(*)[GROUP])g->w,
+                                   .n_rows = pass->job->n_rows,
+                                   .n_lights = g->n,
+                                   .values = values,
+                                   .stride = stride,
+                                   .n = n,
+                                   .sum = sums,
+                                   .sum_stride = sum_stride};
+    pass->kernels->add(&add);
+}
+
+static void load_weights(const struct pass *pass)
+{
+    struct group *g = pass->group;
+    for (uint32_t q = 0; q < pass->job->n_rows; q++)
+        for (uint32_t k = 0; k < g->n; k++)
+            g->w[q][k] = weight(pass->job, q, g->light[k]);
 }
 
 static enum ls_err run_group(struct pass *pass, const struct strip *strip)
@@ -203,13 +214,14 @@ static enum ls_err run_group(struct pass *pass, const struct strip *strip)
     }
     if (!any)
         return LS_OK;
+    load_weights(pass);
     if (pass->out[0])
         add_sums(pass, g->d[0], WINDOW_PX, n_window, WINDOW_PX, pass->diffuse);
     if (pass->out[1])
         add_sums(pass, g->s[0], WINDOW_PX, n_window, WINDOW_PX, pass->specular);
-    if (has_conductor(pass))
-        add_sums(pass, g->metal[0], sizeof g->metal[0] / sizeof(float), 3 * n, 3 * STRIP_PX,
-                 pass->conductor);
+    for (uint32_t c = 0; has_conductor(pass) && c < 3; c++)
+        add_sums(pass, g->metal[0][c], 3 * STRIP_PX, n, 3 * STRIP_PX,
+                 pass->conductor + c * STRIP_PX);
     return LS_OK;
 }
 
@@ -244,14 +256,13 @@ static enum ls_err hand_over_mosaic(const struct pass *pass, const struct strip 
 static void hand_over_planes(const struct pass *pass, const struct strip *strip)
 {
     const struct ls_demosaic_region *at = &strip->at;
-    size_t n = (size_t)at->width * at->height;
     for (uint32_t q = 0; q < pass->job->n_rows; q++)
         for (uint32_t j = 0; j < at->height; j++) {
             float *to = out_row(pass, pass->out[2], q, at->x, at->y + j);
             const float *from = pass->conductor + (size_t)q * 3 * STRIP_PX + (size_t)j * at->width;
             for (uint32_t x = 0; x < at->width; x++)
                 for (uint32_t c = 0; c < 3; c++)
-                    to[3 * x + c] = from[c * n + x];
+                    to[3 * x + c] = from[c * STRIP_PX + x];
         }
 }
 

@@ -64,9 +64,9 @@ struct ls_separated_report {
  * and below the pixel, every colour once, the largest.
  *
  * Accuracy: as ls_accumulate, (n/8 + 12) 2^-24 sum |w| (|s_v E_V| + |s_h E_H|) for S, likewise for
- * D; groups of 8 lights in ascending order, in float, no fused operation. Memory: below 1 MiB +
- * 48 KiB per row, on the heap. Errors: LS_ERR_INVALID (region, n_rows, n_channels, a weight that is
- * not finite), LS_ERR_NOMEM.
+ * D; groups of 8 lights in ascending order, in float; the same bits for any kernels. Memory: below
+ * 1 MiB + 48 KiB per row, on the heap. Errors: LS_ERR_INVALID (region, n_rows, n_channels, a weight
+ * that is not finite), LS_ERR_NOMEM.
  */
 LS_MUST_CHECK enum ls_err ls_separated_accumulate(const struct ls_separated_job *job,
                                                   float *diffuse, float *specular, float *conductor,

@@ -2,21 +2,17 @@
 
 #include "core/half.h"
 
-#include <assert.h>
 #include <math.h>
 #include <string.h>
 
-enum { MAX_WIDEN = 68 };
-
 static unsigned widen(const void *halfs, size_t n, float *out)
 {
-    uint16_t bits[MAX_WIDEN];
     unsigned not_finite = 0;
-    assert(n <= MAX_WIDEN);
-    memcpy(bits, halfs, 2 * n);
     for (size_t j = 0; j < n; j++) {
-        int finite = (bits[j] & 0x7c00) != 0x7c00;
-        out[j] = finite ? ls_half_to_float(bits[j]) : 0;
+        uint16_t bits;
+        memcpy(&bits, (const char *)halfs + 2 * j, sizeof bits);
+        int finite = (bits & 0x7c00) != 0x7c00;
+        out[j] = finite ? ls_half_to_float(bits) : 0;
         not_finite += !finite;
     }
     return not_finite;
@@ -43,22 +39,28 @@ static void sigma(const float *row, const float *next, size_t n, float scale, fl
     }
 }
 
-static void add(const float *w, uint32_t n_lights, const float *values, size_t stride, size_t n,
-                float *sum)
+static void conductor(const struct ls_conductor *o, float *const s[3], const float *sigmas,
+                      size_t n)
 {
-    for (size_t j = 0; j < n; j++) {
-        float part = w[0] * values[j];
-        for (uint32_t k = 1; k < n_lights; k++)
-            part += w[k] * values[k * stride + j];
-        sum[j] += part;
-    }
+    const float *const from[3] = {s[0], s[1], s[2]};
+    ls_conductor_part(o, from, sigmas, n, s, NULL);
 }
 
-const struct ls_separated_kernels ls_separated_kernels_c = {widen, split, sigma, ls_conductor_part,
-                                                            add};
+static void add(const struct ls_separated_add *a)
+{
+    for (uint32_t q = 0; q < a->n_rows; q++)
+        for (size_t j = 0; j < a->n; j++) {
+            float part = 0;
+            for (uint32_t k = 0; k < a->n_lights; k++)
+                part = fmaf(a->w[q][k], a->values[k * a->stride + j], part);
+            a->sum[q * a->sum_stride + j] += part;
+        }
+}
+
+const struct ls_separated_kernels ls_separated_kernels_c = {widen, split, sigma, conductor, add};
 
 const struct ls_separated_kernels *ls_separated_kernels(enum ls_isa isa)
 {
-    return LS_ISA_PICK(isa, &ls_separated_kernels_c, &ls_separated_kernels_c,
-                       &ls_separated_kernels_c);
+    return LS_ISA_PICK(isa, &ls_separated_kernels_c, &ls_separated_kernels_avx2,
+                       &ls_separated_kernels_avx512);
 }

@@ -1,0 +1,4 @@
+#include "core/separated_lanes.h"
+
+const struct ls_separated_kernels ls_separated_kernels_avx512 = {widen, split, sigma, conductor,
+                                                                 add};
