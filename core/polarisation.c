@@ -88,6 +88,24 @@ bool ls_polarisation_separable(struct ls_polarisation a)
     return fabs(a.v - a.h) >= LS_POLARISATION_LEAST;
 }
 
+/* Cosine of incidence at a point of a sphere around the centre, from @at. */
+static double lit(const double point[3], const double at[3])
+{
+    struct vec n, d;
+    return towards(point, NULL, &n) && towards(at, point, &d) ? dot(n, d) : 0;
+}
+
+/* The point of a sphere at @angle from @v towards @beside, which is across it. */
+static void place(struct vec v, struct vec beside, double angle, double radius, double point[3])
+{
+    double c = radius * cos(angle), s = radius * sin(angle);
+    point[0] = c * v.x + s * beside.x;
+    point[1] = c * v.y + s * beside.y;
+    point[2] = c * v.z + s * beside.z;
+}
+
+/* The normal turns in the plane of light, centre and camera from the camera to the light, and the
+ * one's cosine falls while the other's rises. */
 enum ls_err ls_polarisation_highlight(const struct ls_polarisation_path *path, double radius_m,
                                       double point[3], struct ls_diag *diag)
 {
@@ -101,20 +119,20 @@ enum ls_err ls_polarisation_highlight(const struct ls_polarisation_path *path, d
                        "polarisation: a sphere of %g m, light or camera at %g m: expected both at "
                        "least twice as far",
                        radius_m, near);
-    for (int k = 0; k < 60; k++) { /* each step at least halves the error, as near > 2 radius */
-        struct vec h = {l.x + v.x, l.y + v.y, l.z + v.z};
-        double length = sqrt(dot(h, h));
-        if (length < 1e-3) {
-            point[0] = point[1] = point[2] = 0;
-            return LS_OK;
-        }
-        h = scaled(h, radius_m / length);
-        point[0] = h.x;
-        point[1] = h.y;
-        point[2] = h.z;
-        if (!towards(path->light, point, &l) || !towards(path->camera, point, &v))
-            return ls_fail(diag, LS_ERR_BUG, "polarisation: a highlight at its own light");
+    double cosine = fmax(-1, fmin(1, dot(l, v))), low = 0, high = acos(cosine);
+    struct vec beside = {0, 0, 0};
+    if (!across(l, v, &beside)) /* in front or behind: no plane to search, n = v */
+        high = 0;
+    for (int k = 0; k < 60; k++) {
+        double middle = 0.5 * (low + high);
+        place(v, beside, middle, radius_m, point);
+        if (lit(point, path->camera) > lit(point, path->light))
+            low = middle;
+        else
+            high = middle;
     }
+    if (radius_m > 0 && !(lit(point, path->light) > 1e-3))
+        point[0] = point[1] = point[2] = 0;
     return LS_OK;
 }
 

@@ -80,9 +80,9 @@ struct ls_polarisation_path {
 
 /**
  * The point of a sphere of @radius_m around the centre whose normal halves light and camera, within
- * 1e-9 m. @point = the centre for radius 0, and for a light within 1e-3 of straight behind, which
- * has no such point. Errors: LS_ERR_INVALID (a position that is null, not finite, or within twice
- * the radius).
+ * 1e-9 m. @point = the centre for radius 0, and where the sphere hides the light from the camera or
+ * shows it within 1e-3 of grazing. Errors: LS_ERR_INVALID (a position that is null, not finite, or
+ * within twice the radius).
  */
 LS_MUST_CHECK enum ls_err ls_polarisation_highlight(const struct ls_polarisation_path *path,
                                                     double radius_m, double point[3],

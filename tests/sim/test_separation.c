@@ -63,7 +63,7 @@ static struct leaks all_leaks(const struct polarised_field *f)
 static void test_elevations(void)
 {
     struct polarised_field f;
-    polarised_field_init(&f, "gloss", 72, 346, 0);
+    polarised_field_init(&f, "gloss", 56, 346, 0);
     struct ls_polarisation *a = g_new(struct ls_polarisation, f.n_lights);
     for (uint32_t i = 0; i < f.n_lights; i++)
         a[i] = ls_polarisation_ideal();
@@ -121,7 +121,7 @@ static void test_measured(void)
     const uint64_t seed = 20170;
     struct polarised_field f;
     g_test_message("seed %" G_GUINT64_FORMAT, seed);
-    polarised_field_init(&f, "gloss", 96, 346, seed);
+    polarised_field_init(&f, "gloss", 80, 346, seed);
     polarised_field_factors(&f, 0.1);
     uint8_t *on_ball = g_new(uint8_t, f.n_px);
     float *plane = g_new(float, 3 * f.n_px);
@@ -298,7 +298,7 @@ static void test_highlights(void)
     struct polarised_field f;
     struct errors amber[BODIES], blue[BODIES];
     g_test_message("seed %" G_GUINT64_FORMAT, seed);
-    polarised_field_init(&f, "highlights", 160, 90, seed);
+    polarised_field_init(&f, "highlights", 144, 80, seed);
     highlight_errors(&f, AMBER, amber);
     highlight_errors(&f, BLUE, blue);
     for (int b = 0; b < BODIES; b++) {
