@@ -94,3 +94,11 @@ void ls_gradient_weights(unsigned axis, const float (*directions)[3], uint32_t n
         weights[i] = 0.5 + 0.5 * v[axis];
     }
 }
+
+void ls_harmonic_coefficient(enum ls_basis_form form, double peak, uint32_t n, const float *shown,
+                             const float *other, size_t count, float *out)
+{
+    double scale = 4 * M_PI / n * peak, times = form == LS_BASIS_BIASED ? 2 : 1;
+    for (size_t j = 0; j < count; j++)
+        out[j] = (float)(scale * (times * (double)shown[j] - (double)other[j]));
+}

@@ -14,6 +14,7 @@
 #ifndef LS_CORE_BASES_H
 #define LS_CORE_BASES_H
 
+#include <stddef.h>
 #include <stdint.h>
 
 enum { LS_HARMONICS_MAX_DEGREE = 9 };
@@ -42,5 +43,15 @@ double ls_harmonic_weights(uint32_t index, enum ls_basis_form form, const float 
 /** Weights [0, 1] of @n lights rising along an axis of the stage, 0 x, 1 y, 2 z: (1 + omega_axis) / 2
  * with omega the unit direction. (Ma et al., spherical gradient illumination, EGSR 2007.) */
 void ls_gradient_weights(unsigned axis, const float (*directions)[3], uint32_t n, double *weights);
+
+/**
+ * The coefficient a = (4 pi / n) sum_i Y(omega_i) R_i from pictures shown with the weights above, each
+ * divided by its duty and multiplied by its factor: in pairs @shown of the positive and @other of
+ * the negative weights, biased @shown and @other of all lights at weight 1. 4 pi / n stands for the
+ * lights' cells, so a is the projection of the field on Y as well as n equal cells can tell: the sum
+ * itself is exact, noise apart. R carries the lights' unequal strengths as they were lit. out[count].
+ */
+void ls_harmonic_coefficient(enum ls_basis_form form, double peak, uint32_t n, const float *shown,
+                             const float *other, size_t count, float *out);
 
 #endif
