@@ -76,6 +76,13 @@ static enum ls_err not_measured(const struct ls_field_source *source, uint32_t c
                    source->take, name);
 }
 
+static const char *needed_kind(Lightstage__Model model)
+{
+    return model == LIGHTSTAGE__MODEL__HEADLIGHT ? "headlight"
+           : model == LIGHTSTAGE__MODEL__LINEAR  ? "segments"
+                                                 : "sphere";
+}
+
 /* Everything about the way but its map. */
 static enum ls_err choose(const struct ls_field_source *source,
                           const struct ls_promotion *promotion, uint32_t channel,
@@ -94,8 +101,11 @@ static enum ls_err choose(const struct ls_field_source *source,
                        "measured",
                        source->facts->channels[channel].name);
     if (s < 0)
-        return ls_fail(diag, LS_ERR_NOT_FOUND, "take %s has no picture of channel %s at all",
-                       source->take, source->facts->channels[channel].name);
+        return ls_fail(diag, LS_ERR_NOT_FOUND,
+                       "the plan of take %s has no picture of %s at all (conditions of kind \"%s\" "
+                       "make what model %s needs)",
+                       source->take, source->facts->channels[channel].name,
+                       needed_kind(promotion->model), ls_model_name(promotion->model));
     out->kind = promotion->model == LIGHTSTAGE__MODEL__LINEAR      ? LS_WAY_MATRIX
                 : promotion->model == LIGHTSTAGE__MODEL__SEPARATED ? LS_WAY_SEPARATED
                                                                    : LS_WAY_RATIO;
