@@ -25,14 +25,15 @@ const struct ls_merge_kernels *ls_merge_kernels(enum ls_isa isa)
     return LS_ISA_PICK(isa, &ls_merge_kernels_c, &ls_merge_kernels_avx2, &ls_merge_kernels_avx512);
 }
 
-/* Products of two variances, times a sample, times their number: far inside float's range. */
+/* Products of two variances, times a sample, times their number, stay far inside float's range, and
+ * so do the smallest ones times two exposures. */
 static bool products_fit(const struct ls_merge_model *m)
 {
     enum { LARGEST_PRODUCTS = 3 };
-    double sample = 2 * 65535.0, t = (double)m->t[0];
-    double largest = ((double)m->noise + (double)m->shot * sample) / t;
+    double samples = 2 * 65535.0 * LARGEST_PRODUCTS, t = (double)m->t[0];
+    double largest = (double)m->noise * LARGEST_PRODUCTS + (double)m->shot * samples;
 
-    return m->n <= LARGEST_PRODUCTS && largest < 1e15;
+    return m->n <= LARGEST_PRODUCTS && t > 1e-7 && largest / t < 1e15;
 }
 
 static void sort_exposures(const struct ls_merge_params *p, struct ls_merge_model *m)

@@ -33,14 +33,15 @@ LANES_INLINE struct model_lanes model_lanes(const struct ls_merge_model *m, uint
     return c;
 }
 
-/* The weights of an estimate e up to a common factor, which the mean does not see; returns that
- * factor. Products save a division per exposure. */
-LANES_INLINE floats weigh(const struct model_lanes *c, floats e, uint32_t n, bool products,
-                          floats w[EXPOSURES])
+/* The weights at an estimate E = sum / norm up to a common factor, which the mean does not see, and
+ * without forming E: floor_t norm + shot max(sum, 0) is norm sigma^2 / t. Returns that factor over
+ * norm. Products save a division per exposure. */
+LANES_INLINE floats weigh(const struct model_lanes *c, floats sum, floats norm, uint32_t n,
+                          bool products, floats w[EXPOSURES])
 {
-    floats shot = c->shot * lanes_positive(e), v[EXPOSURES];
+    floats shot = c->shot * lanes_positive(sum), v[EXPOSURES];
 
-    LANES_UNROLL for (uint32_t i = 0; i < n; i++) v[i] = c->floor_t[i] + shot;
+    LANES_UNROLL for (uint32_t i = 0; i < n; i++) v[i] = c->floor_t[i] * norm + shot;
     if (!products) {
         LANES_UNROLL for (uint32_t i = 0; i < n; i++) w[i] = 1 / v[i];
         return lanes_all(1);
@@ -105,26 +106,19 @@ LANES_INLINE void load(const struct model_lanes *c, const struct ls_merge_lines 
     }
 }
 
-/* The pooled estimates of steps 1 and 2. Without a live sample they are 0 / 0, and used for
- * nothing. */
-LANES_INLINE floats pool(const struct model_lanes *c, const struct samples *s, uint32_t n)
-{
-    floats sum = lanes_keep(s->live[0], s->y[0]), norm = lanes_keep(s->live[0], c->t[0]);
-
-    LANES_UNROLL for (uint32_t i = 1; i < n; i++)
-    {
-        sum += lanes_keep(s->live[i], s->y[i]);
-        norm += lanes_keep(s->live[i], c->t[i]);
-    }
-    return sum / norm;
-}
-
-LANES_INLINE floats pool_weighted(const struct model_lanes *c, const struct samples *s, floats e,
-                                  uint32_t n, bool products)
+/* Steps 1 and 2. Without a live sample the result is 0 / 0, and used for nothing. */
+LANES_INLINE floats pool(const struct model_lanes *c, const struct samples *s, uint32_t n,
+                         bool products)
 {
     floats w[EXPOSURES], sum = {0}, norm = {0};
 
-    weigh(c, e, n, products, w);
+    LANES_UNROLL for (uint32_t i = 0; i < n; i++)
+    {
+        floats y = lanes_keep(s->live[i], s->y[i]), t = lanes_keep(s->live[i], c->t[i]);
+        sum = i ? sum + y : y;
+        norm = i ? norm + t : t;
+    }
+    weigh(c, sum, norm, n, products, w);
     LANES_UNROLL for (uint32_t i = 0; i < n; i++)
     {
         floats weight = lanes_keep(s->live[i], w[i]);
@@ -143,7 +137,7 @@ LANES_INLINE struct merged choose(const struct ls_merge_model *m, const struct m
     ints any_in = {0};
     struct merged out = {0};
 
-    floats factor = weigh(c, e, n, products, w);
+    floats factor = weigh(c, e, lanes_all(1), n, products, w);
     LANES_UNROLL for (uint32_t i = 0; i < n; i++)
     {
         expected[i] = s->dark[i] + e * c->t[i];
@@ -186,7 +180,7 @@ LANES_INLINE void put(const struct ls_merge_model *m, const struct model_lanes *
     lanes_store_u8(l->validity + p, out.validity);
 }
 
-/* Each step over a block before the next one: a step waits for its division, and many pixels can
+/* The pooled estimates of a block before the choices: both wait for a division, and many pixels can
  * wait at once. n, wide and products are constants in every instance. */
 LANES_INLINE void merge_run(const struct ls_merge_model *m, const struct ls_merge_lines *lines,
                             size_t count, uint32_t n, bool wide, bool products)
@@ -201,11 +195,7 @@ LANES_INLINE void merge_run(const struct ls_merge_model *m, const struct ls_merg
         struct samples s;
         for (size_t p = first, k = 0; p < end; p += LANES, k++) {
             load(&c, &l, p, n, wide, &s);
-            e[k] = pool(&c, &s, n);
-        }
-        for (size_t p = first, k = 0; p < end; p += LANES, k++) {
-            load(&c, &l, p, n, wide, &s);
-            e[k] = pool_weighted(&c, &s, e[k], n, products);
+            e[k] = pool(&c, &s, n, products);
         }
         for (size_t p = first, k = 0; p < end; p += LANES, k++) {
             load(&c, &l, p, n, wide, &s);
