@@ -10,7 +10,7 @@
 
 enum {
     GROUP = LS_SEPARATED_GROUP,
-    STRIP_ROWS = 16, /* what a group of lights makes of a strip stays in the second cache */
+    STRIP_ROWS = 32, /* what a group of lights makes of a strip stays in the second cache */
     STRIP_PX = STRIP_ROWS * LS_TILE_SIDE,
     WINDOW_SIDE = LS_TILE_SIDE + 2 * LS_DEMOSAIC_HALO,
     WINDOW_PX = (STRIP_ROWS + 2 * LS_DEMOSAIC_HALO) * WINDOW_SIDE,
@@ -22,6 +22,7 @@ _Static_assert(WINDOW_PX % LS_SEPARATED_PAD == 0 && STRIP_PX % LS_SEPARATED_PAD 
 /* What a group of lights sends to one strip. */
 struct group {
     uint32_t light[GROUP], n;
+    uint16_t half_v[WINDOW_PX], half_h[WINDOW_PX];
     float v[WINDOW_PX], h[WINDOW_PX];
     float d[GROUP][WINDOW_PX], s[GROUP][WINDOW_PX];
     float variance[WINDOW_PX + LS_SEPARATED_PAD + 1], sigma[STRIP_PX + LS_SEPARATED_PAD];
@@ -79,9 +80,22 @@ static struct ls_separated_terms terms_of(const struct pass *pass, uint32_t ligh
         .shot_h = (float)(h2 * noise->shot)};
 }
 
+/* Halves of a row; nearly always 64 or 2 of them. */
+static void copy_halves(uint16_t *to, const void *from, size_t n)
+{
+    if (!from)
+        memset(to, 0, 2 * n);
+    else if (n == LS_TILE_SIDE)
+        memcpy(to, from, 2 * LS_TILE_SIDE);
+    else if (n == LS_DEMOSAIC_HALO)
+        memcpy(to, from, 2 * LS_DEMOSAIC_HALO);
+    else
+        memcpy(to, from, 2 * n);
+}
+
 /* The part of one tile row that lies in the window, from column x to @end of the picture. */
 static bool load_piece(struct pass *pass, const struct strip *strip, uint32_t light, uint32_t x,
-                       uint32_t end, uint32_t y, struct group *g)
+                       uint32_t end, uint32_t y)
 {
     const struct ls_separated_field *f = pass->field;
     uint32_t tx = x / LS_TILE_SIDE, ty = y / LS_TILE_SIDE, left = tx * LS_TILE_SIDE;
@@ -90,15 +104,8 @@ static bool load_piece(struct pass *pass, const struct strip *strip, uint32_t li
     size_t offset = (size_t)(y - ty * LS_TILE_SIDE) * wide + (x - left);
     const void *v = samples(&f->v[light], tile, offset), *h = samples(&f->h[light], tile, offset);
     size_t at = (size_t)(y - strip->window.y) * strip->window.width + (x - strip->window.x);
-    float *to_v = g->v + at, *to_h = g->h + at;
-    if (v)
-        pass->not_finite += pass->kernels->widen(v, end - x, to_v);
-    else
-        memset(to_v, 0, sizeof *to_v * (end - x));
-    if (h)
-        pass->not_finite += pass->kernels->widen(h, end - x, to_h);
-    else
-        memset(to_h, 0, sizeof *to_h * (end - x));
+    copy_halves(pass->group->half_v + at, v, end - x);
+    copy_halves(pass->group->half_h + at, h, end - x);
     return v || h;
 }
 
@@ -113,10 +120,12 @@ static bool load(struct pass *pass, const struct strip *strip, uint32_t k)
         for (uint32_t x = w->x, end; x < w->x + w->width; x = end) {
             end = (x / LS_TILE_SIDE + 1) * LS_TILE_SIDE;
             end = end < w->x + w->width ? end : w->x + w->width;
-            any |= load_piece(pass, strip, g->light[k], x, end, y, g);
+            any |= load_piece(pass, strip, g->light[k], x, end, y);
         }
-    pass->kernels->split(&terms, g->v, g->h, (size_t)w->width * w->height, g->d[k], g->s[k],
-                         g->variance);
+    size_t n = (size_t)w->width * w->height;
+    pass->not_finite += pass->kernels->widen(g->half_v, n, g->v);
+    pass->not_finite += pass->kernels->widen(g->half_h, n, g->h);
+    pass->kernels->split(&terms, g->v, g->h, n, g->d[k], g->s[k], g->variance);
     return any;
 }
 

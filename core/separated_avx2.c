@@ -1,3 +1,3 @@
-#include "core/separated_lanes.h"
+#include "core/separated_lanes.inc"
 
 const struct ls_separated_kernels ls_separated_kernels_avx2 = {widen, split, sigma, conductor, add};
