@@ -6,8 +6,11 @@
 
 void ls_linear_options_default(struct ls_linear_options *options)
 {
-    *options = (struct ls_linear_options){
-        .ridge = 1e-4, .row_floor = 1e-3, .row_noise = 0.02, .dielectric_weight = 1};
+    *options = (struct ls_linear_options){.ridge = 1e-4,
+                                          .noise_ridge = 1,
+                                          .row_floor = 1e-3,
+                                          .row_noise = 0.02,
+                                          .dielectric_weight = 1};
 }
 
 static enum ls_err check_options(const struct ls_linear_options *o, struct ls_diag *diag)
@@ -15,6 +18,9 @@ static enum ls_err check_options(const struct ls_linear_options *o, struct ls_di
     if (!(o->ridge >= 1e-9 && o->ridge <= 1e3))
         return ls_fail(diag, LS_ERR_INVALID, "linear fit: ridge is %g: expected 1e-9 to 1000",
                        o->ridge);
+    if (!(o->noise_ridge >= 0 && o->noise_ridge <= 1e3))
+        return ls_fail(diag, LS_ERR_INVALID, "linear fit: noise ridge is %g: expected 0 to 1000",
+                       o->noise_ridge);
     if (!(o->row_floor >= 1e-9 && o->row_floor <= 1))
         return ls_fail(diag, LS_ERR_INVALID, "linear fit: row floor is %g: expected 1e-9 to 1",
                        o->row_floor);
@@ -199,7 +205,7 @@ static void fit_block(const struct ls_linear_pictures *p, const struct ls_linear
     memset(&normal, 0, sizeof normal);
     for (uint32_t g = 0; g < p->n_segments; g++) {
         struct ls_linear_row row;
-        ls_linear_block_row(p, options, g, first, n, total.per_brightness, &row);
+        ls_linear_block_row(p, options, g, first, n, &total, &row);
         ls_linear_block_add(p, &row, 1, &normal);
     }
     if (p->n_segments == 1) /* nothing that Eq. 1 does not know */

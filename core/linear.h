@@ -22,8 +22,9 @@
  *   d       dielectric_weight, P the mean of p(0): light mirrored by the coat of a dielectric has
  *           never met its colour, so p(0) must become p(s). One such row counts as much as all
  *           segments together
- *   lambda  ridge x mean of the diagonal of the normal matrix: towards Eq. 1 (Hoerl and Kennard,
- *           Technometrics 12, 1970)
+ *   lambda  ridge x mean of the diagonal of the normal matrix + noise_ridge x mean over g of
+ *           w_g^2 n^2: towards Eq. 1 (Hoerl and Kennard, Technometrics 12, 1970), by as much as the
+ *           rows are uncertain
  *   q       smoothstep((V/sigma - 4) / 6) of V's least certain input: from 10 sigma on the full
  *           sphere is reproduced exactly, below M fades into Eq. 1, which itself fades into its
  *           neighbourhood
@@ -75,6 +76,7 @@ struct ls_linear_pictures {
 
 struct ls_linear_options {
     double ridge;             /* 1e-4 */
+    double noise_ridge;       /* 1 */
     double row_floor;         /* 1e-3 */
     double row_noise;         /* 0.02 */
     double dielectric_weight; /* 1; 0 = no such row */

@@ -47,7 +47,7 @@ static void load(const float *picture, uint32_t channels, uint32_t n,
 
 void ls_linear_block_row(const struct ls_linear_pictures *pictures,
                          const struct ls_linear_options *options, uint32_t g, size_t first,
-                         uint32_t n, const double *per_brightness, struct ls_linear_row *row)
+                         uint32_t n, const struct ls_linear_total *total, struct ls_linear_row *row)
 {
     double b[N], unused[N], variance[N], f_variance[N];
     uint32_t n_in = pictures->n_in, n_out = pictures->n_out;
@@ -58,10 +58,12 @@ void ls_linear_block_row(const struct ls_linear_pictures *pictures,
     double trust = 1 / (options->row_noise * options->row_noise);
     double weight[N];
     for (uint32_t j = 0; j < N; j++) {
-        double unit = per_brightness[j], bright = b[j] * unit;
+        double unit = total->per_brightness[j], bright = b[j] * unit;
         bright = bright > options->row_floor ? bright : options->row_floor;
         double noise = (variance[j] + f_unit * f_unit * f_variance[j]) * unit * unit;
-        weight[j] = unit / sqrt(bright * bright + trust * noise);
+        double square = 1 / (bright * bright + trust * noise);
+        weight[j] = unit * sqrt(square);
+        row->noise[j] = square * noise;
     }
     for (uint32_t a = 0; a < n_in; a++)
         for (uint32_t j = 0; j < N; j++)
@@ -89,6 +91,8 @@ void ls_linear_block_add(const struct ls_linear_pictures *pictures, const struct
         for (uint32_t c = 0; c < pictures->n_out; c++)
             add_product(row->v[a], row->f[c], sign, normal->vf[a][c]);
     }
+    for (uint32_t j = 0; j < N; j++)
+        normal->noise[j] += sign * row->noise[j];
     normal->n_rows += sign;
 }
 
@@ -133,7 +137,8 @@ static void subtract_ratio(const struct ls_linear_pictures *p, const struct ls_l
             s->z[OUT][a][j] = total->v[a][j] * total->per_brightness[j];
 }
 
-static void add_ridge(uint32_t n, double ridge, struct system *s)
+static void add_ridge(uint32_t n, const struct ls_linear_options *options,
+                      const struct ls_linear_normal *normal, struct system *s)
 {
     double trace[N] = {0};
     for (uint32_t a = 0; a < n; a++)
@@ -141,7 +146,8 @@ static void add_ridge(uint32_t n, double ridge, struct system *s)
             trace[j] += s->h[at(a, a)][j];
     for (uint32_t a = 0; a < n; a++)
         for (uint32_t j = 0; j < N; j++)
-            s->h[at(a, a)][j] += ridge / n * trace[j];
+            s->h[at(a, a)][j] += options->ridge / n * trace[j] +
+                                 options->noise_ridge / normal->n_rows * normal->noise[j];
 }
 
 /* x -= y z scale, for every pixel. Arrays do not overlap. */
@@ -232,7 +238,7 @@ void ls_linear_block_solve(const struct ls_linear_pictures *pictures,
     struct system s;
     assemble(pictures, options, normal, &s);
     subtract_ratio(pictures, total, &s);
-    add_ridge(pictures->n_in, options->ridge, &s);
+    add_ridge(pictures->n_in, options, normal, &s);
     factor(pictures->n_in, &s);
     for (uint32_t c = 0; c < pictures->n_out; c++)
         substitute(pictures->n_in, &s, s.z[c]);

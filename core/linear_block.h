@@ -15,14 +15,17 @@ enum {
     LS_LINEAR_TRIANGLE = LS_LINEAR_MAX_INPUTS * (LS_LINEAR_MAX_INPUTS + 1) / 2,
 };
 
-/** One segment's row of each pixel: v, f times its weight, in units of the mean brightness. */
+/** One segment's row of each pixel: v, f times its weight, in units of the mean brightness, and the
+ * variance of that. */
 struct ls_linear_row {
+    double noise[LS_LINEAR_BLOCK];
     double v[LS_LINEAR_MAX_INPUTS][LS_LINEAR_BLOCK];
     double f[LS_LINEAR_MAX_OUTPUTS][LS_LINEAR_BLOCK];
 };
 
 /** Sums of rows. Element (a, b), b <= a, of a symmetric matrix is [a (a + 1) / 2 + b]. */
 struct ls_linear_normal {
+    double noise[LS_LINEAR_BLOCK];
     double vv[LS_LINEAR_TRIANGLE][LS_LINEAR_BLOCK];
     double vf[LS_LINEAR_MAX_INPUTS][LS_LINEAR_MAX_OUTPUTS][LS_LINEAR_BLOCK];
     double n_rows;
@@ -44,7 +47,8 @@ struct ls_linear_matrix {
 /** Row of segment @g for @n pixels from pixel @first of the band. */
 void ls_linear_block_row(const struct ls_linear_pictures *pictures,
                          const struct ls_linear_options *options, uint32_t g, size_t first,
-                         uint32_t n, const double *per_brightness, struct ls_linear_row *row);
+                         uint32_t n, const struct ls_linear_total *total,
+                         struct ls_linear_row *row);
 
 /** normal += sign x row: 1 adds it, -1 takes it out again. */
 void ls_linear_block_add(const struct ls_linear_pictures *pictures, const struct ls_linear_row *row,

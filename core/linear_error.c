@@ -78,13 +78,13 @@ static void predict(const struct strip *s, struct pixel_error *e)
     memset(&normal, 0, sizeof normal);
     memset(e, 0, sizeof *e);
     for (uint32_t g = 0; g < p->n_segments; g++) {
-        ls_linear_block_row(p, s->options, g, s->first, s->n, all.per_brightness, &row);
+        ls_linear_block_row(p, s->options, g, s->first, s->n, &all, &row);
         ls_linear_block_add(p, &row, 1, &normal);
     }
     for (uint32_t g = 0; g < p->n_segments; g++) {
         struct ls_linear_normal without = normal;
         struct ls_linear_matrix m;
-        ls_linear_block_row(p, s->options, g, s->first, s->n, all.per_brightness, &row);
+        ls_linear_block_row(p, s->options, g, s->first, s->n, &all, &row);
         ls_linear_block_add(p, &row, -1, &without);
         total_without(s, g, &all, &rest);
         ls_linear_block_solve(p, s->options, &without, &rest, &m);
