@@ -27,20 +27,21 @@ static double mean(const double *v, uint32_t n)
 
 /* out[k][j] = picture[j][k]; brightness[j] = their mean, variance[j] that of one of them */
 static void load(const float *picture, uint32_t channels, uint32_t n,
-                 const struct ls_linear_noise *noise, double (*out)[N], double *brightness,
-                 double *variance)
+                 const struct ls_linear_noise *noise, double (*out)[N], double *restrict brightness,
+                 double *restrict variance)
 {
-    for (uint32_t j = 0; j < N; j++)
-        brightness[j] = variance[j] = 0;
+    double share = 1.0 / channels;
+    memset(brightness, 0, N * sizeof *brightness);
+    memset(variance, 0, N * sizeof *variance);
     for (uint32_t k = 0; k < channels; k++) {
+        double *restrict x = out[k];
         for (uint32_t j = 0; j < n; j++)
-            out[k][j] = (double)picture[j * channels + k];
+            x[j] = (double)picture[j * channels + k];
         for (uint32_t j = n; j < N; j++)
-            out[k][j] = 0;
+            x[j] = 0;
         for (uint32_t j = 0; j < N; j++) {
-            double x = out[k][j];
-            brightness[j] += x / channels;
-            variance[j] += (noise->floor + noise->shot * (x > 0 ? x : 0)) / channels;
+            brightness[j] += share * x[j];
+            variance[j] += share * (noise->floor + noise->shot * (x[j] > 0 ? x[j] : 0));
         }
     }
 }

@@ -100,15 +100,15 @@ static void window_finish(struct window *window)
     free(window->sum);
 }
 
-static void sum_across(const float *in, uint32_t width, uint32_t radius, double *out)
+/* Every sum is added up from left to right. */
+static void sum_across(const float *restrict in, uint32_t width, uint32_t radius,
+                       double *restrict out)
 {
-    for (uint32_t x = 0; x < width; x++) {
-        uint32_t x0 = x > radius ? x - radius : 0;
-        uint32_t x1 = width - 1 - x < radius ? width - 1 : x + radius;
-        double sum = 0;
-        for (uint32_t j = x0; j <= x1; j++)
-            sum += (double)in[j];
-        out[x] = sum;
+    memset(out, 0, width * sizeof *out);
+    for (int64_t step = -(int64_t)radius; step <= (int64_t)radius; step++) {
+        int64_t first = step < 0 ? -step : 0, end = step > 0 ? width - step : width;
+        for (int64_t x = first; x < end; x++)
+            out[x] += (double)in[x + step];
     }
 }
 
@@ -118,13 +118,15 @@ static double *ring_row(const struct window *window, uint32_t y)
     return window->ring + slot * PLANES * window->samples->width;
 }
 
-/* rows must be asked for in order */
+/* rows must be asked for in order; any may be left out */
 static void window_row(struct window *window, uint32_t y)
 {
     const struct samples *samples = window->samples;
     uint32_t width = samples->width, radius = window->radius;
     uint32_t y0 = y > radius ? y - radius : 0;
     uint32_t y1 = samples->height - 1 - y < radius ? samples->height - 1 : y + radius;
+    if (window->next_row < y0)
+        window->next_row = y0;
     for (; window->next_row <= y1; window->next_row++)
         for (int k = 0; k < PLANES; k++)
             sum_across(samples->plane[k] + (size_t)window->next_row * width, width, radius,
@@ -158,19 +160,41 @@ static double at_window(const struct window *window, uint32_t x, double next, do
     return level(sum[F * width], sum[V * width], sum[VARIANCE * width], next, neutral);
 }
 
+/* Is the sample's own quotient all there is to it? As level() decides. */
+static bool is_trusted(const struct samples *samples, size_t j)
+{
+    double f = (double)samples->plane[F][j], v = (double)samples->plane[V][j];
+    double sigma = sqrt((double)samples->plane[VARIANCE][j]);
+    return v > 0 && v >= trust_all * sigma && fabs(f / v) <= (double)FLT_MAX;
+}
+
+static double ratio_at(const struct samples *samples, const struct window *small,
+                       const struct window *large, uint32_t x, size_t j, double neutral)
+{
+    double r = at_window(large, x, neutral, neutral);
+    r = at_window(small, x, r, neutral);
+    return level((double)samples->plane[F][j], (double)samples->plane[V][j],
+                 (double)samples->plane[VARIANCE][j], r, neutral);
+}
+
 static void ratio_rows(const struct samples *samples, struct window *small, struct window *large,
                        double neutral, uint32_t channels, float *ratio)
 {
     for (uint32_t y = 0; y < samples->height; y++) {
-        window_row(small, y);
-        window_row(large, y);
+        bool windows = false; /* made for the first sample of a row that needs them */
         for (uint32_t x = 0; x < samples->width; x++) {
             size_t j = (size_t)y * samples->width + x;
-            double r = at_window(large, x, neutral, neutral);
-            r = at_window(small, x, r, neutral);
-            r = level((double)samples->plane[F][j], (double)samples->plane[V][j],
-                      (double)samples->plane[VARIANCE][j], r, neutral);
-            ratio[j * channels] = (float)r;
+            if (is_trusted(samples, j)) {
+                ratio[j * channels] =
+                    (float)((double)samples->plane[F][j] / (double)samples->plane[V][j]);
+                continue;
+            }
+            if (!windows) {
+                window_row(small, y);
+                window_row(large, y);
+                windows = true;
+            }
+            ratio[j * channels] = (float)ratio_at(samples, small, large, x, j, neutral);
         }
     }
 }
