@@ -69,8 +69,7 @@ enum {
 enum ls_light_flag {
     LS_LIGHT_ONE_SIDED = 1, /* beyond 120 degrees of every camera: its gain comes from a crescent */
     LS_LIGHT_DEAD = 2,      /* gives no light in some channel: k = 1 there, and sigma_k = 1 */
-    LS_LIGHT_UNCERTAIN =
-        4, /* no camera saw enough of it: k = 1, sigma_k the spread of the others */
+    LS_LIGHT_UNCERTAIN = 4, /* no camera saw enough of it: taken for the mean of the others */
     LS_LIGHT_FLAGS = 7,
 };
 

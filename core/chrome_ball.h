@@ -39,12 +39,14 @@ LS_MUST_CHECK enum ls_err ls_chrome_highlight(const struct ls_sphere_view *ball,
  * Reflectivity of the ball per colour under one light of known position. A mirror shows the light's
  * radiance, whose integral over the reflected directions is the irradiance across the ray:
  *     rho(c) = sum over pixels of E dOmega / ((q(c) / rho_grey) r^2 cos(emission) / d^2)
- * with dOmega the solid angle of the directions one pixel reflects, q(c) the strength of the same
- * light on the grey sphere of reflectance rho_grey (core/shading.h) and d from the highlight.
- * Pixels that see a reflected direction within 35 degrees of the light are summed, those beyond
+ * with dOmega the solid angle by which the reflected direction moves, across one pixel, against the
+ * direction to the light (which stands near, so that it moves as well), q(c) the strength of the
+ * same light on the grey sphere of reflectance rho_grey (core/shading.h) and d from the highlight.
+ * Pixels that see a reflected direction within 60 degrees of the light are summed, those beyond
  * give the background that is subtracted. @e: merged mosaic; @validity or NULL. @sigma: from the
- * noise of the background. LS_ERR_NOT_FOUND: saturated highlight, light not in the ball's middle
- * part (reflection angle > 60 degrees), nothing measured.
+ * noise of the background; a highlight no wider than the mosaic's cells adds its sampling, so take
+ * the middle of many lights. LS_ERR_NOT_FOUND: saturated highlight, light more than 90 degrees from
+ * the camera, nothing measured.
  */
 LS_MUST_CHECK enum ls_err ls_chrome_reflectivity(const struct ls_sphere_view *ball,
                                                  const double position_m[3], const float *e,

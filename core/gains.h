@@ -8,8 +8,12 @@
  * with the lit visible area, times 0 where the lit part is below 10 %, rising to 1 at 20 %.
  * Measurements of SNR q/sigma >= 100 count; a light that has none of them (or none with enough lit
  * area) takes what it has, its level known by then. Errors are scaled by sqrt(chi^2/dof) where
- * cameras or colours disagree by more than their errors say.
- * Normalisation: mean of g over the lights = 1 (ls_field_normalise_gains); k = 1/g.
+ * cameras or colours disagree by more than their errors say. A light known no better than a tenth
+ * of the lights' spread (a thin crescent) leans on the others: the mean of its own ln g and theirs,
+ * weighted by 1/error^2 and 1/spread^2.
+ * Normalisation: mean of g over the lights = 1 (ls_field_normalise_gains); k = 1/g. The error of
+ * that mean, which the lights nobody saw dominate, is common to all and part of every sigma_k; so
+ * is 0.01 %, by which merged pictures may be off at the edges of the exposures' ranges.
  *
  * From the levels, with rho the reflectance of the grey sphere and "green" the reference colour
  * (mono: the only one): scale = rho / level(W, green), p(s,c) = level(s,c) / level(W, green).
@@ -41,15 +45,18 @@ struct ls_gains {
     uint8_t *flags;            /* [light], enum ls_light_flag (core/calibration.h) */
     double level[16][3];       /* strength of a light of g = 1, per camera and colour; 0 unknown */
     double level_sigma[16][3]; /* relative */
-    double chi2;               /* per degree of freedom; 0 without any */
-    uint32_t n_snr;            /* lights with a measurement of SNR >= 100 */
+    double sigma_mean; /* relative error of the mean of g: the part of every sigma_k / k that is
+                          common to all lights */
+    double chi2;       /* per degree of freedom; 0 without any */
+    uint32_t n_snr;    /* lights with a measurement of SNR >= 100 */
 };
 
 /**
- * Dead lights (below 2 % of the middle one) and those nobody measured get g = k = 1 and their flag.
- * sigma_k of a one-sided light is at least 2 %: a real sphere is no Lambertian at grazing angles.
- * Errors: LS_ERR_INVALID with a sentence: nothing was measured well enough (dark, no sphere), or
- * cameras share no light; LS_ERR_LIMIT, LS_ERR_NOMEM. Never NaN, never a k outside [1e-6, 1e6].
+ * Dead lights (below 2 % of the middle one by 3 errors, where that is known to a tenth) and those
+ * nobody measured get g = k = 1 and their flag. sigma_k of a one-sided light is at least 2 %: a
+ * real sphere is no Lambertian at grazing angles. Errors: LS_ERR_INVALID with a sentence: nothing
+ * was measured well enough (dark, no sphere), or cameras share no light; LS_ERR_LIMIT,
+ * LS_ERR_NOMEM. Never NaN, never a k outside [1e-6, 1e6].
  */
 LS_MUST_CHECK enum ls_err ls_gains_solve(const struct ls_gains_input *input, struct ls_gains *out,
                                          struct ls_diag *diag);

@@ -14,9 +14,10 @@
  * fewer than 200 the limits are 0.03 and 0.05: a crescent. Estimate: weighted least squares through
  * the origin, weights of photon noise 1/(q m + 2 % of its largest), times Tukey's biweight at 6
  * robust sigmas of the residual (Maronna, Martin and Yohai, Robust Statistics, 2006), from the
- * median of E/m on. Standard errors are those of clusters: with u_b the sum of w m (E - q m) over
- * block b, var q = B/(B-1) sum u_b^2 / (sum w m^2)^2 (Liang and Zeger, Biometrika 73, 1986), so
- * that a misfit which neighbouring pixels share counts as what it is.
+ * median of E/m on. Standard errors are those of clusters: with psi the weighted residual and u_b
+ * the sum of psi m over block b, var q = B/(B-1) sum u_b^2 / (sum psi' m^2)^2 (Huber's sandwich;
+ * Liang and Zeger, Biometrika 73, 1986), so that a misfit which neighbouring pixels share counts as
+ * what it is.
  *
  * Direction: Gauss-Newton on the same residuals over two tangent coordinates of the light's
  * direction (its distance is kept), the strengths eliminated; the light is at
@@ -66,7 +67,7 @@ void ls_tangents(const double direction[3], double e1[3], double e2[3]);
 /**
  * Where the sphere really stands, seen from the shading under @n lights of known positions: the
  * Gauss-Newton step that explains their residuals best. Move the sphere by @step_m, make the view
- * anew and fit again; one step from an outline's centre is enough. @sigma_m: of each coordinate.
+ * anew and fit again; from an outline's centre two steps are enough. @sigma_m: of each coordinate.
  * LS_ERR_INVALID: fewer than three lights determine it.
  */
 LS_MUST_CHECK enum ls_err ls_centre_step(const struct ls_shading *fits, uint32_t n,

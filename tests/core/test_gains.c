@@ -1,0 +1,104 @@
+/* Photometric stereo on a simulated grey sphere: strengths, gains, directions, scales against what
+ * the simulator drew. */
+#include "core/calibration.h"
+#include "tests/core/grey_bench.h"
+
+#include <glib.h>
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+struct verdict {
+    double worst, rms, within, common, worst_sided, within_sided;
+    uint32_t n, n_sided;
+};
+
+static double off_by(const struct grey_bench *b, uint32_t channel, const struct grey_measured *m,
+                     uint32_t i)
+{
+    return m->gains.k[i] * sim_scene_gain(b->rig->scene, i, channel) - 1;
+}
+
+/* Mean error of the lights that are not flagged: what the normalisation is off by. */
+static double common_error(const struct grey_bench *b, uint32_t channel,
+                           const struct grey_measured *m)
+{
+    double sum = 0;
+    uint32_t n = 0;
+    for (uint32_t i = 0; i < b->rig->n_lights; i++)
+        if (!m->gains.flags[i]) {
+            sum += off_by(b, channel, m, i);
+            n++;
+        }
+    return sum / n;
+}
+
+static struct verdict judge(const struct grey_bench *b, uint32_t channel,
+                            const struct grey_measured *m)
+{
+    struct verdict v = {.common = common_error(b, channel, m)};
+    for (uint32_t i = 0; i < b->rig->n_lights; i++) {
+        double off = off_by(b, channel, m, i), sigma = m->gains.sigma_k[i] / m->gains.k[i];
+        if (m->gains.flags[i]) {
+            v.n_sided++;
+            v.worst_sided = fmax(v.worst_sided, fabs(off));
+            v.within_sided += fabs(off) < sigma;
+            continue;
+        }
+        /* the part of the error that is every light's own */
+        double own = sqrt(sigma * sigma - m->gains.sigma_mean * m->gains.sigma_mean);
+        v.n++;
+        v.worst = fmax(v.worst, fabs(off));
+        v.rms += off * off;
+        v.within += fabs(off - v.common) < own;
+    }
+    v.rms = sqrt(v.rms / v.n);
+    g_test_message("%u lights: k worst %.4f %%, rms %.4f %%, common %.4f +- %.4f %%, %.1f %% "
+                   "within 1 sigma; %u one-sided: worst %.2f %%, %.0f %% within; chi2 %.2f",
+                   v.n, 100 * v.worst, 100 * v.rms, 100 * v.common, 100 * m->gains.sigma_mean,
+                   100 * v.within / v.n, v.n_sided, 100 * v.worst_sided,
+                   v.n_sided ? 100 * v.within_sided / v.n_sided : 0, m->gains.chi2);
+    return v;
+}
+
+static void gains_case(uint32_t cameras, double spread, const char *cfa, uint64_t seed, uint32_t *n,
+                       double *within)
+{
+    struct grey_rig_options o = {"grey", seed, spread, cameras, "W", 96, cfa, 1};
+    struct grey_bench *b = grey_bench_new(&o);
+    struct grey_measured m;
+    grey_measure(b, 0, &m);
+    struct verdict v = judge(b, 0, &m);
+    g_assert_cmpfloat(v.worst, <, 0.005); /* the calibration's promise */
+    /* lights that nobody sees are off by what they were drawn: 3.5 sigma is one in 2000 */
+    g_assert_cmpfloat(v.worst_sided, <, 3.5 * spread);
+    g_assert_cmpfloat(fabs(v.common), <, 3 * m.gains.sigma_mean);
+    g_assert_true((v.n_sided == 0) == (cameras > 2)); /* two leave a gap behind them */
+    *n += v.n;
+    *within += v.within;
+    grey_measured_finish(&m);
+    grey_bench_free(b);
+}
+
+static void test_gains(void)
+{
+    uint32_t n = 0;
+    double within = 0;
+    gains_case(1, 0.05, "RG", 11, &n, &within);
+    gains_case(4, 0.10, "mono", 12, &n, &within);
+    for (uint64_t seed = 0; g_getenv("LS_TEST_FULL") && seed < 4; seed++) {
+        gains_case(1, 0.10, "mono", 20 + seed, &n, &within);
+        gains_case(2, 0.05, "RG", 30 + seed, &n, &within);
+        gains_case(3, 0.10, "RG", 40 + seed, &n, &within);
+        gains_case(4, 0.05, "RG", 50 + seed, &n, &within);
+    }
+    g_test_message("%.1f %% of %u within 1 sigma", 100 * within / n, n);
+    g_assert_cmpfloat(fabs(within / n - 0.68), <, 0.07);
+}
+
+int main(int argc, char **argv)
+{
+    g_test_init(&argc, &argv, NULL);
+    g_test_add_func("/gains/of-a-simulated-rig-come-back-within-half-a-percent", test_gains);
+    return g_test_run();
+}
