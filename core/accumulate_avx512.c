@@ -20,6 +20,11 @@ static inline int vec_not_finite(const vec *x, uint32_t n)
     return _mm512_cmp_ps_mask(sum, sum, _CMP_UNORD_Q);
 }
 
+static inline vec vec_widen(const char *half)
+{
+    return _mm512_cvtph_ps(_mm256_loadu_si256((const __m256i *)half));
+}
+
 static inline void widen8(const char *half, float *e)
 {
     _mm256_storeu_ps(e, _mm256_cvtph_ps(_mm_loadu_si128((const __m128i *)half)));

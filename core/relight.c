@@ -7,7 +7,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-enum { GROUP = LS_ACCUMULATE_GROUP, PANEL = LS_ACCUMULATE_PANEL, ACC_BYTES = 128 * 1024 };
+enum { GROUP = LS_ACCUMULATE_GROUP, PANEL = LS_ACCUMULATE_PANEL, ACC_BYTES = 96 * 1024 };
 
 /** One call of ls_accumulate. */
 struct pass {
@@ -66,8 +66,9 @@ static void run_chunk(const struct pass *pass, uint32_t n, uint32_t first, uint3
     memset(pass->acc, 0, sizeof *pass->acc * pass->job->n_sums * pass->chunk);
     for (uint32_t i = 0; i < n; i += GROUP) {
         uint32_t some = n - i < GROUP ? n - i : GROUP;
-        for (uint32_t k = 0; k < some; k++)
+        for (uint32_t k = 0; k < some; k++) {
             halfs[k] = (const char *)pass->halfs[i + k] + 2 * (size_t)first;
+        }
         pass->report->not_finite += pass->kernels->add(halfs, pass->w + i, some, count,
                                                        pass->job->n_sums, pass->acc, pass->chunk);
     }
