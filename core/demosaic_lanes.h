@@ -57,31 +57,32 @@ LANES_INLINE struct around look_around(const float *const r[LS_DEMOSAIC_ROWS], s
     return a;
 }
 
-LANES_INLINE struct colours as_green(const struct around *a, bool gradient)
+/* The colour of the rows between is a filter of the same five sums at both kinds of pixel: its taps
+ * lie in the lanes. */
+struct taps {
+    ints green; /* which lanes are green pixels */
+    floats c, v, x, hh, vv;
+};
+
+LANES_INLINE struct taps taps(bool green_first, bool gradient)
 {
-    if (!gradient)
-        return (struct colours){.own = a->h * 0.5f, .green = a->c, .other = a->v * 0.5f};
-    return (struct colours){
-        .own = (5 * a->c + 4 * a->h - a->x - a->hh + 0.5f * a->vv) * 0.125f,
-        .green = a->c,
-        .other = (5 * a->c + 4 * a->v - a->x - a->vv + 0.5f * a->hh) * 0.125f,
-    };
+    struct taps t = {0};
+    for (int k = 0; k < LANES; k++) {
+        bool green = (k % 2 == 0) == green_first;
+        t.green[k] = green ? -1 : 0;
+        t.v[k] = green ? 0.5f : 0;
+        t.x[k] = green ? 0 : 0.25f;
+        if (!gradient)
+            continue;
+        t.c[k] = green ? 0.625f : 0.75f;
+        t.x[k] -= green ? 0.125f : 0;
+        t.hh[k] = green ? 0.0625f : -0.1875f;
+        t.vv[k] = green ? -0.125f : -0.1875f;
+    }
+    return t;
 }
 
-LANES_INLINE struct colours as_coloured(const struct around *a, bool gradient)
-{
-    floats near = a->v + a->h;
-    if (!gradient)
-        return (struct colours){.own = a->c, .green = near * 0.25f, .other = a->x * 0.25f};
-    floats far = a->hh + a->vv;
-    return (struct colours){
-        .own = a->c,
-        .green = (4 * a->c + 2 * near - far) * 0.125f,
-        .other = (6 * a->c + 2 * a->x - 1.5f * far) * 0.125f,
-    };
-}
-
-LANES_INLINE struct colours filter(const struct ls_demosaic_line *l, size_t p, ints green,
+LANES_INLINE struct colours filter(const struct ls_demosaic_line *l, size_t p, const struct taps *t,
                                    enum ls_demosaic_filter kind)
 {
     if (kind == LS_DEMOSAIC_FILTER_COPY) {
@@ -90,10 +91,15 @@ LANES_INLINE struct colours filter(const struct ls_demosaic_line *l, size_t p, i
     }
     bool gradient = kind == LS_DEMOSAIC_FILTER_GRADIENT;
     struct around a = look_around(l->row, p, gradient);
-    struct colours g = as_green(&a, gradient), c = as_coloured(&a, gradient);
-    return (struct colours){.own = lanes_select(green, g.own, c.own),
-                            .green = lanes_select(green, g.green, c.green),
-                            .other = lanes_select(green, g.other, c.other)};
+    floats own = a.h * 0.5f, green = (a.v + a.h) * 0.25f, other = a.v * t->v + a.x * t->x;
+    if (gradient) {
+        own = (5 * a.c + 4 * a.h - a.x - a.hh + 0.5f * a.vv) * 0.125f;
+        green = (4 * a.c + 2 * (a.v + a.h) - (a.hh + a.vv)) * 0.125f;
+        other = a.c * t->c + other + a.hh * t->hh + a.vv * t->vv;
+    }
+    return (struct colours){.own = lanes_select(t->green, own, a.c),
+                            .green = lanes_select(t->green, a.c, green),
+                            .other = other};
 }
 
 LANES_INLINE halves finite_half(floats v)
@@ -146,12 +152,10 @@ LANES_INLINE void run_line(const struct ls_demosaic_line *line, enum ls_demosaic
                            enum ls_demosaic_form form)
 {
     const struct ls_demosaic_line l = *line; /* a copy, which no output can be part of */
-    ints green;
+    const struct taps t = taps(l.green_first, kind == LS_DEMOSAIC_FILTER_GRADIENT);
 
-    for (int k = 0; k < LANES; k++)
-        green[k] = (k % 2 == 0) == l.green_first ? -1 : 0;
     for (size_t p = 0; p < l.n; p += LANES) {
-        struct colours c = filter(&l, p, green, kind);
+        struct colours c = filter(&l, p, &t, kind);
         floats red = l.red_row ? c.own : c.other, blue = l.red_row ? c.other : c.own;
         if (l.n - p >= LANES)
             put(l.plane, p, form, red, c.green, blue);

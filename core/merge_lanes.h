@@ -66,8 +66,8 @@ struct merged {
 /* What is left where no exposure is in range: the longest that is not high, or the shortest. */
 LANES_INLINE void fall_back(const struct ls_merge_model *m, const struct model_lanes *c,
                             const floats y[EXPOSURES], const floats expected[EXPOSURES],
-                            const ints live[EXPOSURES], uint32_t n, ints any_in, floats *sum,
-                            floats *norm, struct merged *out)
+                            const ints live[EXPOSURES], uint32_t n, ints any_in, bool variance,
+                            floats *sum, floats *norm, struct merged *out)
 {
     floats y_back = y[0], t_back = c->t[0];
     ints any_high = {0}, any_low = {0};
@@ -80,9 +80,11 @@ LANES_INLINE void fall_back(const struct ls_merge_model *m, const struct model_l
         y_back = lanes_select(high, y_back, y[i]);
         t_back = lanes_select(high, t_back, c->t[i]);
     }
-    floats back = (m->noise + c->shot * lanes_positive(y_back)) / t_back / t_back;
     out->validity = ~any_in & ((any_high & 1) | (any_low & 2));
-    out->variance = lanes_select(any_in, out->variance, back);
+    if (variance) {
+        floats back = (m->noise + c->shot * lanes_positive(y_back)) / t_back / t_back;
+        out->variance = lanes_select(any_in, out->variance, back);
+    }
     *sum = lanes_select(any_in, *sum, y_back);
     *norm = lanes_select(any_in, *norm, t_back);
 }
@@ -150,7 +152,7 @@ LANES_INLINE struct merged choose(const struct ls_merge_model *m, const struct m
     if (variance)
         out.variance = factor / norm;
     if (!lanes_are_all_set(any_in))
-        fall_back(m, c, s->y, expected, s->live, n, any_in, &sum, &norm, &out);
+        fall_back(m, c, s->y, expected, s->live, n, any_in, variance, &sum, &norm, &out);
     out.e = c->scale * (sum / norm);
     return out;
 }
