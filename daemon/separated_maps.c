@@ -15,9 +15,8 @@ struct pass {
     const uint32_t *spectra;
     uint32_t n;
     float **maps;
-    float *rows;     /* [n][n_lights], g(i,s) */
-    float *noise;    /* [n][2 n_lights], the same on V and H of D */
-    float *spheres;  /* [n][n_spectra] */
+    float *rows;    /* [n][n_lights], g(i,s) */
+    float *spheres; /* [n][n_spectra] */
     struct ls_row_sums f;
     float *diffuse, *specular, *conductor; /* [n][padded band][n_channels] */
     float *f_rgb, *sigma, *ratio;          /* [padded band][n_channels] */
@@ -46,7 +45,6 @@ static void pass_finish(struct pass *pass)
 {
     ls_row_sums_finish(&pass->f);
     free(pass->rows);
-    free(pass->noise);
     free(pass->spheres);
     free(pass->diffuse);
     free(pass->specular);
@@ -60,12 +58,8 @@ static void fill_rows(struct pass *pass, uint32_t q)
 {
     const struct ls_field *field = &pass->source->field;
     uint32_t n = field->n_lights, s = pass->spectra[q];
-    for (uint32_t i = 0; i < n; i++) {
-        float g = (float)field->g[(size_t)s * n + i];
-        pass->rows[(size_t)q * n + i] = g;
-        pass->noise[(size_t)q * 2 * n + i] = g * pass->separation->split[i].d_v;
-        pass->noise[(size_t)q * 2 * n + n + i] = g * pass->separation->split[i].d_h;
-    }
+    for (uint32_t i = 0; i < n; i++)
+        pass->rows[(size_t)q * n + i] = (float)field->g[(size_t)s * n + i];
     pass->spheres[(size_t)q * field->n_spectra + s] = (float)ls_promote_sphere_factor(field, s);
 }
 
@@ -73,10 +67,9 @@ static enum ls_err pass_init(struct pass *pass, struct ls_diag *diag)
 {
     const struct ls_field *field = &pass->source->field;
     const struct ls_demosaic_region whole = {0, 0, field->width, field->height};
-    size_t padded = sizeof(float) * field->width * (BAND_ROWS + 2 * LS_PROMOTE_HALO_PX) *
-                    field->n_channels;
+    size_t padded =
+        sizeof(float) * field->width * (BAND_ROWS + 2 * LS_PROMOTE_HALO_PX) * field->n_channels;
     pass->rows = calloc((size_t)pass->n * field->n_lights, sizeof(float));
-    pass->noise = calloc((size_t)pass->n * field->n_lights * 2, sizeof(float));
     pass->spheres = calloc((size_t)pass->n * field->n_spectra, sizeof(float));
     pass->diffuse = malloc(padded * pass->n);
     pass->specular = malloc(padded * pass->n);
@@ -84,14 +77,16 @@ static enum ls_err pass_init(struct pass *pass, struct ls_diag *diag)
     pass->f_rgb = malloc(padded);
     pass->sigma = malloc(padded);
     pass->ratio = malloc(padded);
-    if (!pass->rows || !pass->noise || !pass->spheres || !pass->diffuse || !pass->specular ||
-        !pass->conductor || !pass->f_rgb || !pass->sigma || !pass->ratio)
+    if (!pass->rows || !pass->spheres || !pass->diffuse || !pass->specular || !pass->conductor ||
+        !pass->f_rgb || !pass->sigma || !pass->ratio)
         return ls_fail(diag, LS_ERR_NOMEM, "out of memory for the separation of %u spectra",
                        pass->n);
     for (uint32_t q = 0; q < pass->n; q++)
         fill_rows(pass, q);
-    const struct ls_accumulate_job f = {.pictures = field->sphere, .n_pictures = field->n_spectra,
-                                        .n_sums = pass->n, .weights = pass->spheres};
+    const struct ls_accumulate_job f = {.pictures = field->sphere,
+                                        .n_pictures = field->n_spectra,
+                                        .n_sums = pass->n,
+                                        .weights = pass->spheres};
     ls_row_sums_init(&pass->f, field, &f, &whole, 0);
     return LS_OK;
 }
@@ -102,17 +97,19 @@ static enum ls_err one_ratio(struct pass *pass, const struct band *band, uint32_
     const struct ls_field *field = &pass->source->field;
     uint32_t colours = field->n_channels, width = band->padded.width, height = band->padded.height;
     size_t pixels = (size_t)width * height, n = pixels * colours, row = (size_t)width * colours;
-    float *diffuse = pass->diffuse + q * n;
+    float *diffuse = pass->diffuse + q * n, *specular = pass->specular + q * n;
+    const float *weights = pass->rows + (size_t)q * field->n_lights;
     double tint[3];
     ls_separation_tint(pass->separation, pass->source, pass->spectra[q], tint);
     enum ls_err err = ls_relight_demosaic(field, ls_row_sums_get(&pass->f, q), pass->f.window,
                                           band->padded, pass->f_rgb);
     if (err)
         return ls_fail(diag, err, "rows %u to %u cannot be demosaiced", band->y0, band->y1);
-    ls_separate_remainder(pass->f_rgb, diffuse, pass->specular + q * n, pass->conductor + q * n,
-                          tint, pixels, colours, pass->f_rgb, diffuse);
-    ls_promote_sigma(field, pass->noise + (size_t)q * 2 * field->n_lights, 2 * field->n_lights,
-                     diffuse, n, pass->sigma);
+    for (size_t k = 0; k < n; k++) /* what is lit, for its noise */
+        pass->ratio[k] = diffuse[k] + specular[k];
+    ls_separated_sigma(&pass->separation->field, weights, pass->ratio, n, pass->sigma);
+    ls_separate_remainder(pass->f_rgb, diffuse, specular, pass->conductor + q * n, tint, pixels,
+                          colours, pass->f_rgb, diffuse);
     if (colours > 1)
         ls_promote_add_contrast(diffuse, width, height, colours, pass->sigma);
     err = ls_promote_ratio(pass->f_rgb, diffuse, pass->sigma, width, height, colours, tint,
