@@ -1,0 +1,49 @@
+/*
+ * full_take: a small take on disk that holds every kind of picture, whose every number the test
+ * knows.
+ * Layer: tests. Threads: one. Ownership: the fixture's; see free.
+ *
+ * Twelve lights; spectra W, R, G and polarisers V, H. W, V and H light by light (and G of a mono
+ * camera); W and R as full spheres; R in three segments of four lights, and as a head light of three.
+ * Light comes back diffuse, with a colour, and white from a coat; under R its diffuse part depends on
+ * where the light stands, so that no model but the truth is right and each is wrong in its own way.
+ */
+#ifndef LS_TESTS_DAEMON_FULL_TAKE_H
+#define LS_TESTS_DAEMON_FULL_TAKE_H
+
+#include "core/calibration.h"
+
+#include <glib.h>
+#include <stdbool.h>
+
+enum { FULL_W = 150, FULL_H = 140, FULL_LIGHTS = 12, FULL_PIXELS = FULL_W * FULL_H };
+enum { FULL_CHANNELS = 5, FULL_SEGMENTS = 3, FULL_HEAD = 3 };
+enum full_channel { FULL_CW, FULL_CR, FULL_CG, FULL_CV, FULL_CH };
+
+struct full_take_options {
+    bool mono, mono_two; /* two: G light by light too */
+    bool polarised_only; /* no W light by light */
+    bool sphere_factors_only;
+};
+
+struct full_take {
+    char *root, *id;
+    struct ls_calibration *calibration;
+    double scale;
+    double k[FULL_CHANNELS][FULL_LIGHTS];
+    /* stored values, exact halves */
+    float light[FULL_CHANNELS][FULL_LIGHTS][FULL_PIXELS];
+    float sphere[FULL_CHANNELS][FULL_PIXELS]; /* W, R */
+    float segment[FULL_SEGMENTS][FULL_PIXELS];
+    float head[FULL_PIXELS];
+};
+
+/** Light i is in segment i % FULL_SEGMENTS; the head light is lights 0 to FULL_HEAD - 1. */
+struct full_take *make_full_take(const struct full_take_options *options);
+
+/** What a stored picture of a pattern is multiplied by: factor / duty. */
+double full_take_factor(const char *pattern);
+
+void full_take_free(struct full_take *take);
+
+#endif
