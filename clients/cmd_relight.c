@@ -351,7 +351,7 @@ static enum ls_err make_weights(const struct options *options,
         return ls_weights_file_read(options->light, document, weights, diag)
                    ? LS_ERR_INVALID
                    : LS_OK;
-    if (ls_environment_file_read(options->light, options->space, &environment, diag))
+    if (ls_environment_file_read(options->light, options->space, options->profile, &environment, diag))
         return LS_ERR_INVALID;
     enum ls_err err = ls_light_weights_make(document, &environment, &options->solve, weights, diag);
     ls_environment_file_finish(&environment);
@@ -408,7 +408,7 @@ static int run(struct ls_command_context *context, int argc, char **argv)
 }
 
 const struct ls_command ls_command_relight = {
-    "relight", "A take under another light: a lat-long .hdr or .exr, or spectral lobes as .json",
+    "relight", "A take under another light: a lat-long .hdr or .exr, or lobes or a captured light as .json",
     "TAKE ENVIRONMENT --output FILE.exr [--png FILE.png] [--raw]\n"
     "         [--solve spectral|tristimulus|shared|per-target] [--method nnls|least-squares]\n"
     "         [--cells nearest|smooth] [--profile paper]\n"

@@ -252,6 +252,56 @@ static enum ls_err allocate_rows(struct ls_light_weights *out, uint32_t n_rows, 
     return out->rows ? LS_OK : out_of_memory(diag);
 }
 
+/* The direction of a light in the environment, turned by @rotation: its inverse on the light's. */
+static void seen_from(const struct solver *solver, uint32_t light, const double rotation[9],
+                      double out[3])
+{
+    const float *d = solver->document->direction[light];
+    for (int k = 0; k < 3; k++)
+        out[k] = rotation[k] * (double)d[0] + rotation[3 + k] * (double)d[1] +
+                 rotation[6 + k] * (double)d[2];
+}
+
+/* What a mono camera's pictures are to show: the ball camera's colours, after M if there is one. */
+static void after_m(const struct ls_calibration *cal, double *targets, size_t n_patches)
+{
+    for (size_t p = 0; p < n_patches && cal->has_m; p++) {
+        double raw[3];
+        memcpy(raw, targets + 3 * p, sizeof raw);
+        for (int r = 0; r < 3; r++)
+            targets[3 * p + (size_t)r] =
+                cal->m[r][0] * raw[0] + cal->m[r][1] * raw[1] + cal->m[r][2] * raw[2];
+    }
+}
+
+/* A captured environment: its charts did read the light. */
+static enum ls_err solve_probe(const struct solver *solver, double *alpha,
+                               struct ls_cell_lighting *found, struct ls_diag *diag)
+{
+    const struct ls_captured *probe = solver->environment->probe;
+    const struct ls_calibration *cal = solver->document->calibration;
+    size_t n_lights = solver->document->n_lights, values = 3 * probe->n_patches;
+    double rotation[9];
+    if (probe->n_patches != cal->n_patches)
+        return ls_fail(diag, LS_ERR_UNSUPPORTED,
+                       "the environment's charts have %zu patches, the calibration's %u: calibrate "
+                       "with the chart that was photographed, or use --solve tristimulus",
+                       probe->n_patches, cal->n_patches);
+    LS_CLEANUP_FREE double *targets = calloc(n_lights * values, sizeof *targets);
+    if (!targets)
+        return out_of_memory(diag);
+    ls_rotation_y(solver->options->turn_deg * M_PI / 180, rotation);
+    for (uint32_t i = 0; i < n_lights; i++) {
+        double d[3];
+        seen_from(solver, i, rotation, d);
+        ls_captured_targets(probe, d, cell(solver, i), targets + i * values);
+        if (cal->n_colours == 1)
+            after_m(cal, targets + i * values, probe->n_patches);
+    }
+    return ls_cell_lighting_targets(solver->lighting, targets, values, n_lights, alpha, found,
+                                    diag);
+}
+
 static enum ls_err solve_cells(const struct solver *solver, double *alpha,
                                struct ls_cell_lighting *found, struct ls_diag *diag)
 {
@@ -263,6 +313,8 @@ static enum ls_err solve_cells(const struct solver *solver, double *alpha,
         .n_patches = solver->document->calibration->n_patches,
         .reader = solver->n_colours == 1 ? solver->functionals : solver->sensitivity,
         .n_readers = 3};
+    if (environment->probe)
+        return solve_probe(solver, alpha, found, diag);
     if (environment->lobes)
         return ls_cell_lighting_lobes(&chart, environment->lobes, solver->cells, n_lights, alpha,
                                       found, diag);
@@ -273,7 +325,7 @@ static enum ls_err solve_cells(const struct solver *solver, double *alpha,
 static enum ls_err solve_all(struct solver *solver, struct ls_light_weights *out,
                              struct ls_diag *diag)
 {
-    struct ls_cell_lighting found;
+    struct ls_cell_lighting found = {0};
     size_t outputs = ls_lighting_solver_outputs(solver->lighting);
     size_t n_lights = solver->document->n_lights;
     LS_CLEANUP_FREE double *alpha = calloc(n_lights * outputs, sizeof *alpha);
@@ -297,8 +349,11 @@ static enum ls_err solve_all(struct solver *solver, struct ls_light_weights *out
 static enum ls_err make_spectral(struct solver *solver, struct ls_light_weights *out,
                                  struct ls_diag *diag)
 {
-    enum ls_err err = read_sensitivities(solver, diag);
-    if (!err)
+    enum ls_err err = LS_OK;
+    solver->n_colours = solver->document->calibration->n_colours;
+    if (!solver->environment->probe)
+        err = read_sensitivities(solver, diag);
+    if (!err && !solver->environment->probe)
         err = choose_functionals(solver, diag);
     if (!err)
         err = read_chart(solver, out, diag);
@@ -431,6 +486,7 @@ enum ls_err ls_light_weights_make(const struct ls_take_document *document,
     struct solver solver = {.document = document, .environment = environment, .options = options};
     bool tristimulus = options->solve == LS_LIGHT_TRISTIMULUS;
     memset(out, 0, sizeof *out);
+    out->warning = environment->warning;
     enum ls_err err = choose_channels(&solver, out, diag);
     if (!err)
         err = cut_cells(&solver, diag);

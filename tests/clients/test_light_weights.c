@@ -1,7 +1,9 @@
 /* light_weights: environments whose weights are known, on a rig whose spectra are known. */
 #include "clients/light_weights.h"
+#include "clients/picture_file.h"
 #include "tests/daemon/take_fixture.h"
 
+#include <glib/gstdio.h>
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
@@ -256,6 +258,150 @@ static void damaged_documents_are_refused_by_key(void)
     }
 }
 
+/* ---- a captured environment ---- */
+
+enum { BALL = 64 };
+
+/* A folder with a mirror ball of one colour, half reflecting, and a chart that reads @scale times
+ * what the calibration's chart reads of LED R. Its patch 0, taken for a neutral of 50 %, ties the
+ * two together: the ball's colour is twice what it reads. */
+static char *captured_folder(const struct ls_calibration *cal, double scale, uint32_t n_patches)
+{
+    char *folder = g_dir_make_tmp("captured-XXXXXX", NULL);
+    g_autofree char *ball = g_build_filename(folder, "ball.exr", NULL);
+    g_autofree char *file = g_build_filename(folder, "probe.json", NULL);
+    struct ls_exr_attrs attrs = {0};
+    struct ls_picture_place place = {0};
+    struct ls_image image = {0};
+    g_autoptr(GString) json = g_string_new(
+        "{\"format\":1,\"ball\":{\"picture\":\"ball.exr\",\"centre_px\":[32,32],"
+        "\"radius_px\":30,\"camera_direction\":[0,0,1],\"polariser\":\"none\",\"reflectivity\":"
+        "[0.5,0.5,0.5]},\"neutrals\":[{\"patch\":0,\"reflectance\":0.5}],\"charts\":[{"
+        "\"normal\":[0,0,1],\"rgb\":[");
+    for (uint32_t p = 0; p < n_patches; p++)
+        for (uint32_t c = 0; c < 3; c++)
+            g_string_append_printf(json, "%s%.9g%s", c ? "," : p ? ",[" : "[",
+                                   scale * (double)cal->L[(p * 3 + c) * cal->n_channels + 1],
+                                   c == 2 ? "]" : "");
+    g_string_append(json, "]}]}");
+    g_assert_true(g_file_set_contents(file, json->str, -1, NULL));
+    g_assert_cmpint(ls_image_init(&image, BALL, BALL, 3, SIZE_MAX, NULL), ==, LS_OK);
+    for (uint32_t i = 0; i < BALL * BALL * 3; i++)
+        image.pixels[i] = 0.5f * 2 * cal->L[i % 3 * cal->n_channels + 1];
+    g_assert_cmpint(ls_picture_file_exr(ball, &image, LS_EXR_FLOAT, &place, &attrs, NULL), ==,
+                    LS_OK);
+    ls_image_finish(&image);
+    ls_exr_attrs_finish(&attrs);
+    return folder;
+}
+
+static void remove_captured(char *folder)
+{
+    g_autofree char *ball = g_build_filename(folder, "ball.exr", NULL);
+    g_autofree char *file = g_build_filename(folder, "probe.json", NULL);
+    g_unlink(ball);
+    g_unlink(file);
+    g_rmdir(folder);
+    g_free(folder);
+}
+
+/* The chart was photographed at another exposure than the ball: only the ball says how bright. */
+static void a_captured_light_of_an_led_is_made_with_that_led(void)
+{
+    struct ls_take_document *document = a_document(true);
+    char *folder = captured_folder(document->calibration, 7.3, TAKE_PATCHES);
+    g_autofree char *file = g_build_filename(folder, "probe.json", NULL);
+    struct ls_environment_file environment;
+    struct ls_diag diag = {0};
+    enum ls_err err =
+        ls_environment_file_read(file, LS_MAP_REC709_LINEAR, NULL, &environment, &diag);
+    g_assert_cmpstr(diag.text, ==, "");
+    g_assert_cmpint(err, ==, LS_OK);
+    g_assert_cmpint(environment.map.space, ==, LS_MAP_CAMERA_RAW);
+    g_assert_null(environment.warning);
+    /* two pixels of thirty: acos(28/30) either side of the axis */
+    g_assert_cmpfloat_with_epsilon(environment.filled_sr, 2 * M_PI * (1 - cos(2 * acos(28.0 / 30))),
+                                   0.1);
+    struct ls_light_weights weights = solve(document, &environment, false);
+    assert_row(&weights, 1, document->omega_sr, 1, 1e-4);
+    assert_row(&weights, 0, document->omega_sr, 0, 1e-4);
+    g_assert_true(weights.solved);
+    ls_light_weights_finish(&weights);
+    remove_captured(folder);
+    ls_take_document_destroy(document);
+}
+
+static void another_chart_than_the_calibrations_is_refused(void)
+{
+    struct ls_take_document *document = a_document(true);
+    char *folder = captured_folder(document->calibration, 1, TAKE_PATCHES - 1);
+    g_autofree char *file = g_build_filename(folder, "probe.json", NULL);
+    const struct ls_light_options options = {.solve = LS_LIGHT_SPECTRAL};
+    struct ls_environment_file environment;
+    struct ls_light_weights weights;
+    struct ls_diag diag = {0};
+    g_assert_cmpint(ls_environment_file_read(file, LS_MAP_REC709_LINEAR, NULL, &environment, &diag),
+                    ==, LS_OK);
+    g_assert_cmpint(ls_light_weights_make(document, &environment, &options, &weights, &diag), ==,
+                    LS_ERR_UNSUPPORTED);
+    g_assert_nonnull(strstr(diag.text, "patches"));
+    ls_environment_file_finish(&environment);
+    remove_captured(folder);
+    ls_take_document_destroy(document);
+}
+
+/* ---- options ---- */
+
+static void words_of_the_command_line_are_understood(void)
+{
+    enum ls_light_solve solve_how;
+    enum ls_light_method method;
+    bool smooth;
+    g_assert_true(ls_light_solve_option("per-target", &solve_how));
+    g_assert_cmpint(solve_how, ==, LS_LIGHT_PER_TARGET);
+    g_assert_false(ls_light_solve_option("best", &solve_how));
+    g_assert_true(ls_light_method_option("least-squares", &method));
+    g_assert_cmpint(method, ==, LS_LIGHT_METHOD_LEAST_SQUARES);
+    g_assert_false(ls_light_method_option("", &method));
+    g_assert_true(ls_light_cells_option("smooth", &smooth) && smooth);
+    g_assert_false(ls_light_cells_option("cubic", &smooth));
+}
+
+/* Every way of solving finds the LED that the light is of; per-target fits camera channels alone. */
+static void every_solve_and_method_finds_the_led(void)
+{
+    struct ls_take_document *document = a_document(true);
+    for (int k = 0; k < 8; k++) {
+        struct ls_environment_file environment = lit_by_channel(1);
+        const struct ls_light_options options = {
+            .solve = k & 1 ? LS_LIGHT_PER_TARGET : LS_LIGHT_SHARED,
+            .method = k & 2 ? LS_LIGHT_METHOD_LEAST_SQUARES : LS_LIGHT_METHOD_NNLS,
+            .smooth = k & 4};
+        struct ls_light_weights weights;
+        struct ls_diag diag = {0};
+        enum ls_err err =
+            ls_light_weights_make(document, &environment, &options, &weights, &diag);
+        g_assert_cmpstr(diag.text, ==, "");
+        g_assert_cmpint(err, ==, LS_OK);
+        g_assert_cmpuint(weights.n_rows, ==, k & 1 ? 6 : 2);
+        g_assert_cmpint(weights.solution.space, ==,
+                        k & 1 ? LS_SOLVE_CAMERA_RAW : LS_SOLVE_AFTER_M);
+        double red = 0, all = 0;
+        for (uint32_t r = 0; r < weights.n_rows; r++)
+            for (uint32_t i = 0; i < weights.n_lights; i++) {
+                double w = fabs((double)weights.rows[r * weights.n_lights + i]);
+                all += w;
+                red += r % 2 == 1 ? w : 0;
+            }
+        /* least squares are damped by 1e-3 of the mean diagonal, and one channel alone tells two
+         * spectra apart badly: within a tenth; the others are exact */
+        g_assert_cmpfloat(red / all, >, k & 2 ? 0.9 : 0.999);
+        ls_light_weights_finish(&weights);
+        ls_environment_file_finish(&environment);
+    }
+    ls_take_document_destroy(document);
+}
+
 int main(int argc, char **argv)
 {
     g_test_init(&argc, &argv, NULL);
@@ -274,6 +420,14 @@ int main(int argc, char **argv)
                     the_light_comes_from_where_the_map_has_it);
     g_test_add_func("/light-weights/a-positive-rotation-turns-the-middle-to-camera-left",
                     a_positive_rotation_turns_the_middle_to_camera_left);
+    g_test_add_func("/light-weights/a-captured-light-of-an-led-is-made-with-that-led",
+                    a_captured_light_of_an_led_is_made_with_that_led);
+    g_test_add_func("/light-weights/another-chart-than-the-calibrations-is-refused",
+                    another_chart_than_the_calibrations_is_refused);
+    g_test_add_func("/light-weights/words-of-the-command-line-are-understood",
+                    words_of_the_command_line_are_understood);
+    g_test_add_func("/light-weights/every-solve-and-method-finds-the-led",
+                    every_solve_and_method_finds_the_led);
     g_test_add_func("/take-document/damaged-ones-are-refused-by-key",
                     damaged_documents_are_refused_by_key);
     return g_test_run();
