@@ -8,6 +8,8 @@
 #include <float.h>
 #include <math.h>
 #include <string.h>
+#include <sys/mman.h>
+#include <unistd.h>
 
 enum { LIGHTS = 19, ROWS = 8, KINDS = 2 };
 
@@ -301,6 +303,39 @@ static void test_not_finite(void)
     fixture_finish(&f);
 }
 
+/* Tiles that end, or begin, at a page nobody may read: a byte too many is a crash. */
+static void test_guards(const void *data)
+{
+    size_t page = (size_t)sysconf(_SC_PAGESIZE);
+    for (int at_end = 0; at_end < 2; at_end++) {
+        struct fixture f;
+        fixture_init(&f, 37, 29, LS_CFA_GBRG, true, 350);
+        struct ls_demosaic_region all = {0, 0, 37, 29};
+        struct sums before = run(&f, isas_of(data), all, NULL);
+        uint8_t *map[KINDS * LIGHTS];
+        for (size_t k = 0; k < KINDS * LIGHTS; k++) {
+            size_t bytes = 2 * 37 * 29;
+            map[k] = mmap(NULL, 3 * page, PROT_NONE, MAP_PRIVATE | MAP_ANONYMOUS, -1, 0);
+            g_assert_true(map[k] != MAP_FAILED);
+            if (!f.tiles[k])
+                continue;
+            g_assert_cmpint(mprotect(map[k] + page, page, PROT_READ | PROT_WRITE), ==, 0);
+            uint8_t *to = at_end ? map[k] + 2 * page - bytes : map[k] + page;
+            memcpy(to, f.tiles[k], bytes);
+            f.tiles[k] = to;
+        }
+        struct sums after = run(&f, isas_of(data), all, NULL);
+        same(before.d, after.d, before.n);
+        same(before.s, after.s, before.n);
+        same(before.c, after.c, before.n);
+        for (size_t k = 0; k < KINDS * LIGHTS; k++)
+            munmap(map[k], 3 * page);
+        sums_free(&before);
+        sums_free(&after);
+        fixture_finish(&f);
+    }
+}
+
 /* A part is the same bits as that part of the whole. */
 static void check_part(const struct fixture *f, const struct sums *whole,
                        struct ls_demosaic_region r)
@@ -404,6 +439,7 @@ int main(int argc, char **argv)
     g_test_init(&argc, &argv, NULL);
     isas_add("/separated/agrees-with-double", test_reference);
     isas_add("/separated/same-bits-as-the-reference", test_same_bits);
+    isas_add("/separated/reads-nothing-beside-its-tiles", test_guards);
     g_test_add_func("/separated/not-finite-counts-as-zero-and-is-reported", test_not_finite);
     g_test_add_func("/separated/parts-are-bit-identical-to-the-whole", test_parts);
     g_test_add_func("/separated/blend-is-per-light-not-of-the-sum", test_blend_is_per_light);
