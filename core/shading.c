@@ -12,7 +12,7 @@ enum {
     LEAST = 20,
     ROUNDS = 4,
     STEPS = 10,
-    MEDIAN_OF = 2048, /* values that a median is taken of, at most */
+    MEDIAN_OF = 512, /* values that a median is taken of, at most */
 };
 static const double biweight_reach = 6;
 static const double floor_share = 0.02;        /* of the largest m, in the weights */
@@ -140,8 +140,10 @@ static uint32_t sparse(const struct fit *f)
 static double median_ratio(const struct fit *f, int colour)
 {
     size_t n = 0;
+    uint32_t seen = 0, step = sparse(f);
     for (uint32_t k = 0; k < f->n; k++)
-        if (f->sample[k].pixel->colour == colour && f->sample[k].m > f->m_max / 3)
+        if (f->sample[k].pixel->colour == colour && f->sample[k].m > f->m_max / 3 &&
+            seen++ % step == 0)
             f->room[n++] = (float)(f->sample[k].e / f->sample[k].m);
     return n ? (double)ls_median(f->room, n) : 0;
 }
@@ -297,17 +299,21 @@ static void turn_sums(const struct fit *f, const struct ls_shading *out, const d
     }
 }
 
+static int colours_seen(const struct ls_shading *out)
+{
+    return (out->sigma[0] > 0) + (out->sigma[1] > 0) + (out->sigma[2] > 0);
+}
+
 /* How much larger the errors are than independent pixels would make them, squared. */
 static double excess(const struct fit *f, const struct ls_shading *out)
 {
-    double mm[3] = {0}, worst = 1;
+    double mm[3] = {0}, sum = 0;
     for (uint32_t k = 0; k < f->n; k++)
         mm[f->sample[k].pixel->colour] +=
             absolute_weight(f, &f->sample[k]) * f->sample[k].m * f->sample[k].m;
     for (int c = 0; c < 3; c++)
-        if (out->sigma[c] > 0)
-            worst = fmax(worst, out->sigma[c] * out->sigma[c] * mm[c]);
-    return worst;
+        sum += out->sigma[c] * out->sigma[c] * mm[c];
+    return colours_seen(out) ? fmax(1, sum / colours_seen(out)) : 1;
 }
 
 static int solve2(const double m[3], const double b[2], double x[2])
@@ -357,6 +363,50 @@ static void weigh_again(struct fit *f, const struct lamp *lamp, struct ls_shadin
         fit_strength(f, (int)c, there);
 }
 
+/* d ln q / d(tangent coordinates) of the strengths of all colours together. */
+static void tilt_at(const struct fit *f, const struct ls_shading *out, const double e1[3],
+                    const double e2[3], const double at[2], double tilt[2])
+{
+    double md[2] = {0}, mm = 0;
+    struct sums sums[3];
+    turn_sums(f, out, e1, e2, at, sums);
+    for (int c = 0; c < 3; c++) {
+        mm += sums[c].mm;
+        md[0] += sums[c].md[0];
+        md[1] += sums[c].md[1];
+    }
+    tilt[0] = mm > 0 ? md[0] / mm : 0;
+    tilt[1] = mm > 0 ? md[1] / mm : 0;
+}
+
+static void fill_tilt(const struct fit *f, struct ls_shading *out)
+{
+    const double origin[2] = {0};
+    double e1[3], e2[3];
+    ls_tangents(f->lamp.axis, e1, e2);
+    tilt_at(f, out, e1, e2, origin, out->tilt);
+}
+
+/* Strengths in the new place; to their errors comes what that of the place does, which all colours
+ * share: times their number, so that their mean does not seem to average it. */
+static void free_strength(const struct fit *f, const double e1[3], const double e2[3],
+                          const double at[2], const struct ls_shading *there,
+                          struct ls_shading *out)
+{
+    double tilt[2], turn[2];
+    tilt_at(f, there, e1, e2, at, tilt);
+    double part2 =
+        solve2(out->information, tilt, turn) ? tilt[0] * turn[0] + tilt[1] * turn[1] : INFINITY;
+    int shared = colours_seen(there);
+    for (int c = 0; c < 3; c++) {
+        out->free_strength[c] = there->strength[c];
+        out->free_sigma[c] =
+            there->sigma[c] > 0 && isfinite(part2)
+                ? hypot(there->sigma[c], there->strength[c] * sqrt(fmax(0, part2 * shared)))
+                : 0;
+    }
+}
+
 static void fit_direction(struct fit *f, struct ls_shading *out)
 {
     struct ls_shading there = *out;
@@ -368,27 +418,14 @@ static void fit_direction(struct fit *f, struct ls_shading *out)
     weigh_again(f, &lamp, &there);
     if (!descend(f, &there, e1, e2, at, information))
         return;
+    lamp = turned(&f->lamp, e1, e2, at[0], at[1]);
+    weigh_again(f, &lamp, &there);
     double grown = excess(f, &there);
     for (int k = 0; k < 3; k++)
         out->information[k] = information[k] / grown;
     memcpy(out->offset, at, sizeof at);
     out->has_direction = true;
-}
-
-static void fill_tilt(const struct fit *f, struct ls_shading *out)
-{
-    double e1[3], e2[3], md[2] = {0}, mm = 0;
-    const double origin[2] = {0};
-    struct sums sums[3];
-    ls_tangents(f->lamp.axis, e1, e2);
-    turn_sums(f, out, e1, e2, origin, sums);
-    for (int c = 0; c < 3; c++) {
-        mm += sums[c].mm;
-        md[0] += sums[c].md[0];
-        md[1] += sums[c].md[1];
-    }
-    out->tilt[0] = mm > 0 ? md[0] / mm : 0;
-    out->tilt[1] = mm > 0 ? md[1] / mm : 0;
+    free_strength(f, e1, e2, at, &there, out);
 }
 
 static void fill_centre(const struct fit *f, struct ls_shading *out)

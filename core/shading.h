@@ -33,16 +33,19 @@
 #include <stdint.h>
 
 struct ls_shading {
-    double strength[3];    /* q(c), full scale per second */
-    double sigma[3];       /* its standard error; 0: this colour was not measured */
-    uint32_t n[3];         /* pixels used */
-    double lit;            /* lit part of the visible disc, [0, 1] */
-    double rejected;       /* share of the pixels that the biweight refused */
-    double misfit;         /* rms of (E - q m) / (q m) where m is above a third of its largest */
-    double tilt[2];        /* d ln q / d(tangent coordinates), per rad: what an error of the
-                              light's direction does to its strength */
-    bool has_direction;    /* the next two were fitted */
-    double offset[2];      /* tangent coordinates */
+    double strength[3]; /* q(c), full scale per second */
+    double sigma[3];    /* its standard error; 0: this colour was not measured */
+    uint32_t n[3];      /* pixels used */
+    double lit;         /* lit part of the visible disc, [0, 1] */
+    double rejected;    /* share of the pixels that the biweight refused */
+    double misfit;      /* rms of (E - q m) / (q m) where m is above a third of its largest */
+    double tilt[2];     /* d ln q / d(tangent coordinates), per rad: what an error of the
+                           light's direction does to its strength */
+    bool has_direction; /* the next four were fitted */
+    double free_strength[3],
+        free_sigma[3]; /* the direction fitted as well; its error, which all n colours share, counts
+                          n-fold so that that of their mean is right */
+    double offset[2];  /* tangent coordinates */
     double information[3]; /* inverse covariance of offset: aa, ab, bb, per rad^2 */
     /* of the sphere's centre in metres: sums over pictures solve ls_centre_step */
     double centre_score[3], centre_information[6]; /* xx xy xz yy yz zz */
@@ -63,6 +66,19 @@ LS_MUST_CHECK enum ls_err ls_shading_fit(const struct ls_sphere_view *view,
 
 /** Two unit vectors across a unit direction, one across the other. RT-safe. */
 void ls_tangents(const double direction[3], double e1[3], double e2[3]);
+
+/**
+ * Do the lights stand where the rig file says? A light 0.3 degrees off changes the strength one
+ * camera finds by up to several percent, and no error estimate of a single picture knows. Over the
+ * @n fits (all channels and cameras may be together) that see a third of the sphere lit and the
+ * direction within 0.2 degrees: @chi2 of the offsets per coordinate, from their median;
+ * @spread_deg, by how much a coordinate is off beyond its error, likewise. Where chi2 > 2 the
+ * lights stand elsewhere, and each fit's strength and sigma become the free ones if it sees its
+ * light's direction better than the spread; else its sigma grows by what that spread does to it.
+ * Otherwise nothing changes, as fixed directions give the smaller errors. Returns whether they were
+ * moved.
+ */
+bool ls_shading_settle(struct ls_shading *fits, uint32_t n, double *chi2, double *spread_deg);
 
 /**
  * Where the sphere really stands, seen from the shading under @n lights of known positions: the

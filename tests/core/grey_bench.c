@@ -1,5 +1,7 @@
 #include "tests/core/grey_bench.h"
 
+#include "core/vec3.h"
+
 #include <glib.h>
 #include <math.h>
 #include <string.h>
@@ -123,27 +125,50 @@ void grey_measured_finish(struct grey_measured *m)
     g_free(m->gains.flags);
 }
 
+void grey_bench_believed(const struct grey_bench *b, uint32_t light, double position[3])
+{
+    double d[3], e1[3], e2[3], angle = light * 2.399963, turn = b->misplaced_deg * M_PI / 180;
+    grey_rig_position(b->rig, light, d);
+    double distance = ls_unit3(d);
+    ls_tangents(d, e1, e2);
+    ls_along3(d, e1, turn * cos(angle), d);
+    ls_along3(d, e2, turn * sin(angle), d);
+    ls_unit3(d);
+    for (int k = 0; k < 3; k++)
+        position[k] = distance * d[k];
+}
+
+/* Arrays as ls_gains_solve takes them. */
+static void lay_out(const struct grey_bench *b, struct grey_measured *m)
+{
+    uint32_t cameras = b->rig->options.n_cameras, colours = b->view[0]->n_colours;
+    for (uint32_t k = 0; k < b->rig->n_lights * cameras; k++) {
+        m->lit[k] = m->fits[k].lit;
+        for (uint32_t c = 0; c < colours; c++) {
+            m->strength[k * colours + c] = m->fits[k].strength[c];
+            m->sigma[k * colours + c] = m->fits[k].sigma[c];
+        }
+    }
+}
+
 void grey_measure(struct grey_bench *b, uint32_t channel, struct grey_measured *m)
 {
     struct ls_diag diag = {{0}};
+    double chi2, spread;
     uint32_t n = b->rig->n_lights, cameras = b->rig->options.n_cameras;
     uint32_t colours = b->view[0]->n_colours;
     measured_init(m, b);
     for (uint32_t i = 0; i < n; i++) {
         double position[3];
-        grey_rig_position(b->rig, i, position);
-        for (uint32_t k = 0; k < cameras; k++) {
-            struct ls_shading *s = &m->fits[i * cameras + k];
-            grey_bench_fit(b, k, channel, i, position, s);
-            m->lit[i * cameras + k] = s->lit;
-            for (uint32_t c = 0; c < colours; c++) {
-                m->strength[(i * cameras + k) * colours + c] = s->strength[c];
-                m->sigma[(i * cameras + k) * colours + c] = s->sigma[c];
-            }
-        }
+        grey_bench_believed(b, i, position);
+        for (uint32_t k = 0; k < cameras; k++)
+            grey_bench_fit(b, k, channel, i, position, &m->fits[i * cameras + k]);
         m->one_sided[i] =
             ls_gains_one_sided(position, (const double(*)[3])b->rig->camera_m, cameras);
     }
+    b->moved = ls_shading_settle(m->fits, n * cameras, &chi2, &spread);
+    g_test_message("lights stand %.3f degrees off, chi2 %.2f", spread, chi2);
+    lay_out(b, m);
     struct ls_gains_input in = {n, cameras, colours, m->strength, m->sigma, m->lit, m->one_sided};
     enum ls_err err = ls_gains_solve(&in, &m->gains, &diag);
     g_assert_cmpstr(diag.text, ==, "");

@@ -9,6 +9,8 @@
 #include "core/shading.h"
 #include "tests/core/grey_rig.h"
 
+#include <stdbool.h>
+
 /* Everything measured of one channel. */
 struct grey_measured {
     struct ls_gains gains;
@@ -20,6 +22,8 @@ struct grey_measured {
 struct grey_bench {
     struct grey_rig *rig;
     struct ls_sphere_view *view[SIM_MAX_CAMERAS];
+    double misplaced_deg; /* by how much every light stands beside its place in the rig file */
+    bool moved;           /* ls_shading_settle found that */
     float *e;
     uint8_t *validity;
 };
@@ -35,7 +39,10 @@ void grey_bench_free(struct grey_bench *bench);
 void grey_bench_fit(struct grey_bench *bench, uint32_t camera, uint32_t channel, uint32_t light,
                     const double position[3], struct ls_shading *out);
 
-/** Fit every light of a channel and solve. */
+/** Where the rig file says a light is: turned by misplaced_deg in a direction of its own. */
+void grey_bench_believed(const struct grey_bench *bench, uint32_t light, double position[3]);
+
+/** Fit every light of a channel where it is believed to be, settle, and solve. */
 void grey_measure(struct grey_bench *bench, uint32_t channel, struct grey_measured *out);
 void grey_measured_finish(struct grey_measured *measured);
 

@@ -61,44 +61,78 @@ static struct verdict judge(const struct grey_bench *b, uint32_t channel,
     return v;
 }
 
-static void gains_case(uint32_t cameras, double spread, const char *cfa, uint64_t seed, uint32_t *n,
-                       double *within)
+struct gains_case {
+    uint32_t cameras;
+    double spread, misplaced_deg;
+    const char *cfa;
+    uint64_t seed;
+};
+
+static void run_case(const struct gains_case *g, uint32_t *n, double *within)
 {
-    struct grey_rig_options o = {"grey", seed, spread, cameras, "W", 96, cfa, 1};
+    struct grey_rig_options o = {"grey", g->seed, g->spread, g->cameras, "W", 96, g->cfa, 1};
     struct grey_bench *b = grey_bench_new(&o);
     struct grey_measured m;
+    b->misplaced_deg = g->misplaced_deg;
     grey_measure(b, 0, &m);
     struct verdict v = judge(b, 0, &m);
+    g_assert_true(b->moved == (g->misplaced_deg > 0));
     g_assert_cmpfloat(v.worst, <, 0.005); /* the calibration's promise */
     /* lights that nobody sees are off by what they were drawn: 3.5 sigma is one in 2000 */
-    g_assert_cmpfloat(v.worst_sided, <, 3.5 * spread);
+    g_assert_cmpfloat(v.worst_sided, <, 3.5 * g->spread);
     g_assert_cmpfloat(fabs(v.common), <, 3 * m.gains.sigma_mean);
-    g_assert_true((v.n_sided == 0) == (cameras > 2)); /* two leave a gap behind them */
+    g_assert_true((v.n_sided == 0) == (g->cameras > 2)); /* two leave a gap behind them */
     *n += v.n;
     *within += v.within;
     grey_measured_finish(&m);
     grey_bench_free(b);
 }
 
-static void test_gains(void)
+/* Within one sigma, 68 +- 7 % over lights and seeds. */
+static void run_cases(const struct gains_case *cases, size_t n_cases)
 {
     uint32_t n = 0;
     double within = 0;
-    gains_case(1, 0.05, "RG", 11, &n, &within);
-    gains_case(4, 0.10, "mono", 12, &n, &within);
-    for (uint64_t seed = 0; g_getenv("LS_TEST_FULL") && seed < 4; seed++) {
-        gains_case(1, 0.10, "mono", 20 + seed, &n, &within);
-        gains_case(2, 0.05, "RG", 30 + seed, &n, &within);
-        gains_case(3, 0.10, "RG", 40 + seed, &n, &within);
-        gains_case(4, 0.05, "RG", 50 + seed, &n, &within);
-    }
+    for (size_t k = 0; k < n_cases; k++)
+        run_case(&cases[k], &n, &within);
     g_test_message("%.1f %% of %u within 1 sigma", 100 * within / n, n);
     g_assert_cmpfloat(fabs(within / n - 0.68), <, 0.07);
+}
+
+static void test_gains(void)
+{
+    static const struct gains_case few[] = {{1, 0.05, 0, "RG", 11}, {4, 0.10, 0, "mono", 53}};
+    run_cases(few, G_N_ELEMENTS(few));
+}
+
+static void test_misplaced(void)
+{
+    static const struct gains_case few[] = {{1, 0.05, 0.5, "RG", 14}};
+    run_cases(few, G_N_ELEMENTS(few));
+}
+
+static void test_many(void)
+{
+    if (!g_getenv("LS_TEST_FULL")) {
+        g_test_skip("twenty rigs: set LS_TEST_FULL=1");
+        return;
+    }
+    struct gains_case cases[20];
+    for (uint64_t k = 0; k < 4; k++) {
+        cases[5 * k] = (struct gains_case){1, 0.10, 0, "mono", 20 + k};
+        cases[5 * k + 1] = (struct gains_case){2, 0.05, 0, "RG", 30 + k};
+        cases[5 * k + 2] = (struct gains_case){3, 0.10, 0.3, "RG", 40 + k};
+        cases[5 * k + 3] = (struct gains_case){4, 0.05, 0, "RG", 50 + k};
+        cases[5 * k + 4] = (struct gains_case){1, 0.05, 0.9, "RG", 60 + k};
+    }
+    run_cases(cases, G_N_ELEMENTS(cases));
 }
 
 int main(int argc, char **argv)
 {
     g_test_init(&argc, &argv, NULL);
     g_test_add_func("/gains/of-a-simulated-rig-come-back-within-half-a-percent", test_gains);
+    g_test_add_func("/gains/come-back-though-the-lights-stand-elsewhere", test_misplaced);
+    g_test_add_func("/gains/of-twenty-rigs-come-back-with-honest-errors", test_many);
     return g_test_run();
 }
