@@ -120,28 +120,33 @@ static enum ls_err check_terms(const struct ls_field *field, const struct ls_rel
     return LS_OK;
 }
 
+/* rows demosaiced at a time: few enough for the second cache, enough to share their neighbours */
+enum { ROWS = 8 };
+
 enum ls_err ls_relight_finish(const struct ls_field *field, struct ls_demosaic_region window,
                               struct ls_demosaic_region region, const struct ls_relight_term *terms,
                               size_t n_terms, const double *m, float *out, struct ls_diag *diag)
 {
-    size_t n = region.width;
-    LS_CLEANUP_FREE float *v = malloc((n * field->n_channels + 1) * sizeof *v);
+    size_t n = region.width, row = n * field->n_channels;
+    LS_CLEANUP_FREE float *v = malloc((ROWS * row + 1) * sizeof *v);
     if (!v)
         return ls_fail(diag, LS_ERR_NOMEM, "relight: out of memory");
     enum ls_err err = check_terms(field, terms, n_terms, diag);
     memset(out, 0, sizeof *out * 3 * n * region.height);
-    for (uint32_t y = 0; y < region.height && !err; y++, out += 3 * n) {
-        struct ls_demosaic_region row = {region.x, region.y + y, region.width, 1};
+    for (uint32_t y = 0; y < region.height && !err; y += ROWS) {
+        uint32_t rows = region.height - y < ROWS ? region.height - y : ROWS;
+        struct ls_demosaic_region band = {region.x, region.y + y, region.width, rows};
         for (size_t t = 0; t < n_terms && !err; t++) {
-            err = ls_relight_demosaic(field, terms[t].sum, window, row, v);
+            err = ls_relight_demosaic(field, terms[t].sum, window, band, v);
             if (err)
                 return ls_fail(diag, err,
                                "relight: [%u + %u) x [%u + %u) px is not inside what was summed",
                                region.x, region.width, region.y, region.height);
-            add_term(field, &terms[t], v, y, n, out);
+            for (uint32_t k = 0; k < rows; k++)
+                add_term(field, &terms[t], v + k * row, y + k, n, out + 3 * n * (y + k));
         }
         if (m)
-            apply_matrix(m, n, out);
+            apply_matrix(m, n * rows, out + 3 * n * y);
     }
     return err;
 }

@@ -105,11 +105,8 @@ static void run_share(void *data, unsigned thread, unsigned n)
     struct bench_relight *r = data;
     uint32_t height = r->field->height;
     uint32_t t0 = first_tile_row(r, thread, n), t1 = first_tile_row(r, thread + 1, n);
-    struct share s = {r, thread, n, t0 * LS_TILE_SIDE, t1 * LS_TILE_SIDE, NULL};
+    struct share s = {r, thread, n, t0 * LS_TILE_SIDE, t1 * LS_TILE_SIDE, r->window[thread]};
     s.y1 = s.y1 < height ? s.y1 : height;
-    s.window = malloc((size_t)r->n_sums * WINDOW_ROWS * r->field->width * sizeof *s.window);
-    if (!s.window)
-        abort();
     for (uint32_t t = t0; t < t1; t++) {
         uint32_t y = t * LS_TILE_SIDE, rows = s.y1 - y < LS_TILE_SIDE ? s.y1 - y : LS_TILE_SIDE;
         sum_tile_row(&s, t);
@@ -119,20 +116,32 @@ static void run_share(void *data, unsigned thread, unsigned n)
     }
     if (thread == 0)
         r->anonymous_mib = fmax(r->anonymous_mib, bench_anonymous_mib());
-    free(s.window);
+}
+
+void bench_relight_init(struct bench_relight *r)
+{
+    size_t row = r->n_sums * (size_t)r->field->width * sizeof(float);
+    for (unsigned t = 0; t < r->n_threads; t++) {
+        r->window[t] = bench_alloc(WINDOW_ROWS * row);
+        r->seam[t] = bench_alloc(2 * KEPT * row);
+    }
+}
+
+void bench_relight_finish(struct bench_relight *r)
+{
+    for (unsigned t = 0; t < r->n_threads; t++) {
+        free(r->window[t]);
+        free(r->seam[t]);
+    }
 }
 
 void bench_relight(void *data)
 {
     struct bench_relight *r = data;
     size_t width = r->field->width;
-    for (unsigned t = 1; t < r->n_threads; t++)
-        r->seam[t] = malloc((size_t)r->n_sums * 2 * KEPT * width * sizeof(float));
     bench_parallel(r->n_threads, run_share, r);
-    for (unsigned t = 1; t < r->n_threads; t++) {
+    for (unsigned t = 1; t < r->n_threads && r->out; t++) {
         uint32_t y = first_tile_row(r, t, r->n_threads) * LS_TILE_SIDE;
-        if (r->out)
-            finish_rows(r, r->seam[t], 2 * KEPT * width, y - KEPT, 2 * KEPT, y - HALO, y + HALO);
-        free(r->seam[t]);
+        finish_rows(r, r->seam[t], 2 * KEPT * width, y - KEPT, 2 * KEPT, y - HALO, y + HALO);
     }
 }

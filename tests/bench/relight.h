@@ -27,8 +27,12 @@ struct bench_relight {
     const float *ratio[BENCH_MAX_TERMS], *matrix[BENCH_MAX_TERMS];
     float *out;           /* [height][width][3]; NULL: the sums alone, which are thrown away */
     double anonymous_mib; /* most seen while it ran */
-    float *seam[BENCH_RELIGHT_THREADS];
+    float *window[BENCH_RELIGHT_THREADS], *seam[BENCH_RELIGHT_THREADS];
 };
+
+/** Room for the windows and seams; once the rest is filled in. */
+void bench_relight_init(struct bench_relight *relight);
+void bench_relight_finish(struct bench_relight *relight);
 
 /** A task for bench_time. */
 void bench_relight(void *relight);

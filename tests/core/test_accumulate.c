@@ -339,6 +339,30 @@ static void test_what_is_left_out_stays_under_the_requested_error(void)
     pictures_finish(&p);
 }
 
+static void test_sums_lie_as_far_apart_as_asked(void)
+{
+    g_autoptr(GRand) rand = g_rand_new_with_seed(9);
+    enum { N = 5, W = 70, H = 66, SUMS = 3, APART = W * H + 17 };
+    struct pictures p;
+    pictures_init(&p, N, W, H, rand);
+    g_autofree float *w = weights(SUMS, N, rand);
+    g_autofree float *dense = g_new(float, SUMS *W *H), *spread = g_new0(float, SUMS *APART);
+    struct ls_accumulate_job job = {
+        .pictures = p.picture, .n_pictures = N, .n_sums = SUMS, .weights = w};
+    struct ls_tile_region all = whole(&p.field);
+    g_assert_cmpint(ls_accumulate(&p.field, &job, &all, dense, NULL, NULL), ==, LS_OK);
+    job.sum_stride = APART;
+    g_assert_cmpint(ls_accumulate(&p.field, &job, &all, spread, NULL, NULL), ==, LS_OK);
+    for (int q = 0; q < SUMS; q++) {
+        g_assert_cmpmem(spread + q * APART, W * H * 4, dense + q * W * H, W * H * 4);
+        for (int k = W * H; k < APART; k++)
+            g_assert_cmpfloat(spread[q * APART + k], ==, 0);
+    }
+    job.sum_stride = W * H - 1;
+    g_assert_cmpint(ls_accumulate(&p.field, &job, &all, spread, NULL, NULL), ==, LS_ERR_INVALID);
+    pictures_finish(&p);
+}
+
 static void test_stored_infinities_count_as_nothing_and_are_counted(void)
 {
     const uint16_t half[2][4] = {{0x7c00, 0xfc00, 0x7e01, 0x3c00},
@@ -394,6 +418,8 @@ int main(int argc, char **argv)
                     test_what_is_left_out_stays_under_the_requested_error);
     g_test_add_func("/accumulate/stored-infinities-count-as-nothing-and-are-counted",
                     test_stored_infinities_count_as_nothing_and_are_counted);
+    g_test_add_func("/accumulate/sums-lie-as-far-apart-as-asked",
+                    test_sums_lie_as_far_apart_as_asked);
     g_test_add_func("/accumulate/an-absent-tile-is-black", test_an_absent_tile_is_black);
     return g_test_run();
 }

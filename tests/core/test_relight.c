@@ -534,6 +534,60 @@ static void test_a_crop_is_bit_identical_and_the_matrix_comes_last(void)
     take_free(take);
 }
 
+/* A matrix per pixel: of diagonals, it is the ratio; whole, its products are those of the sum. Maps
+ * of the whole picture serve a part of it through their stride. */
+static void test_a_matrix_takes_the_place_of_a_ratio(void)
+{
+    struct take *take = take_new(LS_CFA_RGGB, 0.1);
+    g_autofree float *rows = g_new(float, take->n), *sum = g_new(float, W *H);
+    g_autofree float *ratio = g_new(float, W *H * 3), *matrix = g_new0(float, W *H * 9);
+    g_autofree float *by_ratio = g_new(float, W *H * 3), *by_matrix = g_new(float, W *H * 3);
+    g_autofree float *white = g_new(float, W *H * 3), *part = g_new(float, W *H * 3);
+    const struct ls_demosaic_region crop = {9, 21, 31, 20};
+    struct ls_relight_term term = {.sum = sum, .channel = -1};
+    ls_relight_row(&take->field, take->omega, 1, rows);
+    accumulate(&take->field, take->field.white, take->n, rows, 1, sum);
+    ratio_of(&take->field, 1, ratio);
+    for (size_t j = 0; j < (size_t)W * H; j++)
+        for (size_t c = 0; c < 3; c++)
+            matrix[9 * j + 4 * c] = ratio[3 * j + c];
+    g_assert_cmpint(ls_relight_finish(&take->field, all_px, all_px, &term, 1, NULL, white, NULL),
+                    ==, LS_OK);
+    term.ratio = ratio;
+    g_assert_cmpint(ls_relight_finish(&take->field, all_px, all_px, &term, 1, NULL, by_ratio, NULL),
+                    ==, LS_OK);
+    term.ratio = NULL;
+    term.matrix = matrix;
+    g_assert_cmpint(
+        ls_relight_finish(&take->field, all_px, all_px, &term, 1, NULL, by_matrix, NULL), ==,
+        LS_OK);
+    for (size_t k = 0; k < (size_t)W * H * 3; k++)
+        g_assert_cmpfloat(by_matrix[k], ==, by_ratio[k]); /* adding zeros changes nothing */
+
+    for (size_t k = 0; k < (size_t)W * H * 9; k++)
+        matrix[k] = (float)(k % 7) - 2;
+    term.matrix = matrix + (crop.y * W + crop.x) * 9;
+    term.map_stride = W * 9;
+    g_assert_cmpint(ls_relight_finish(&take->field, all_px, crop, &term, 1, NULL, part, NULL), ==,
+                    LS_OK);
+    for (uint32_t y = 0; y < crop.height; y++)
+        for (uint32_t x = 0; x < crop.width; x++)
+            for (uint32_t c = 0; c < 3; c++) {
+                size_t at = (crop.y + y) * W + crop.x + x;
+                const float *v = white + 3 * at, *m = matrix + 9 * at + 3 * c;
+                g_assert_cmpfloat(part[(y * crop.width + x) * 3 + c], ==,
+                                  (m[0] * v[0] + m[1] * v[1]) + m[2] * v[2]);
+            }
+    term.channel = 1;
+    g_assert_cmpint(ls_relight_finish(&take->field, all_px, crop, &term, 1, NULL, part, NULL), ==,
+                    LS_ERR_INVALID);
+    term.channel = -1;
+    term.ratio = ratio;
+    g_assert_cmpint(ls_relight_finish(&take->field, all_px, crop, &term, 1, NULL, part, NULL), ==,
+                    LS_ERR_INVALID);
+    take_free(take);
+}
+
 static void refused(struct take *take, const struct ls_field *field, const char *word)
 {
     struct ls_diag diag = {{0}};
@@ -600,6 +654,8 @@ int main(int argc, char **argv)
                     test_the_tristimulus_baseline_tints_a_white_object);
     g_test_add_func("/relight/a-crop-is-bit-identical-and-the-matrix-comes-last",
                     test_a_crop_is_bit_identical_and_the_matrix_comes_last);
+    g_test_add_func("/relight/a-matrix-takes-the-place-of-a-ratio",
+                    test_a_matrix_takes_the_place_of_a_ratio);
     g_test_add_func("/mutation/gain-applied-twice-is-caught", test_gain_applied_twice_is_caught);
     g_test_add_func("/mutation/gain-not-applied-is-caught", test_gain_not_applied_is_caught);
     g_test_add_func("/mutation/gains-not-normalised-are-caught",
