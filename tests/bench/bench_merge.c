@@ -17,14 +17,15 @@ struct pictures {
 static void shoot(struct image *image)
 {
     struct noise noise = {1};
+    double scale = ls_pixel_max_dn(image->p.format) / 255.0;
     for (size_t k = 0; k < image->n; k++) {
         double x = (double)(k % image->p.width) / image->p.width;
         double signal = 8 * pow(10, 3 * fabs(sin(9 * x)) - 1);
         for (int i = 0; i < EXPOSURES; i++) {
             double dn = signal * image->p.exposure_s[i] / image->p.exposure_s[0];
             dn += 8 + sqrt(0.64 + dn / 40) * (2 * noise_uniform(&noise) - 1);
-            image->dn[i][k] = (uint16_t)fmin(255, fmax(0, dn + 0.5));
-            image->dark[i][k] = (float)(8 + 0.1 * noise_uniform(&noise));
+            image->dn[i][k] = (uint16_t)(scale * fmin(255, fmax(0, dn)) + 0.5);
+            image->dark[i][k] = (float)(scale * (8 + 0.1 * noise_uniform(&noise)));
         }
     }
     image_pack(image);
@@ -76,7 +77,7 @@ static double other_s(const char *what, uint32_t width)
 }
 
 static void other_row(const struct bench *bench, struct pictures *p, const char *name,
-                      const char *what, const char *reference)
+                      const char *what, const char *reference, double wanted)
 {
     struct bench_task task = {.name = "merge", .run = merge, .data = p};
     double mpx = (double)p->image.n * 1e-6, theirs = other_s(what, p->image.p.width);
@@ -89,32 +90,60 @@ static void other_row(const struct bench *bench, struct pictures *p, const char 
                                          .reference = reference,
                                          .reference_value = mpx / theirs,
                                          .ratio = theirs / task.best_s,
-                                         .wanted = 20});
+                                         .wanted = wanted});
+}
+
+static void pictures_init(struct pictures *p, const char *format, uint32_t width)
+{
+    static const double bracket[EXPOSURES] = {0.001, 0.004, 0.016};
+    struct ls_merge_params params = params_for(format, width, width, EXPOSURES, bracket);
+    params.reference_exposure_s = bracket[1];
+    image_init(&p->image, &params);
+    p->half = bench_alloc(p->image.n * sizeof *p->half);
+    shoot(&p->image);
+}
+
+static void pictures_finish(struct pictures *p)
+{
+    image_finish(&p->image);
+    free(p->half);
+}
+
+static void speed(const struct bench *bench, struct pictures *p, const char *name, double wanted)
+{
+    double raw = (double)p->image.bytes / (double)p->image.n;
+    const struct against_copy row = {
+        .name = name,
+        .run = merge,
+        .data = p,
+        .bytes = (double)p->image.n * (EXPOSURES * (raw + 4) + 2 + 1), /* dark; half, validity */
+        .error = error_of(p),
+        .wanted = wanted,
+    };
+    against_copy_rows(bench, &row, 1);
 }
 
 int main(int argc, char **argv)
 {
-    static const double bracket[EXPOSURES] = {0.001, 0.004, 0.016};
+    static const struct {
+        const char *name, *format;
+    } packings[] = {{"merge_16_bits", "BayerRG12"},
+                    {"merge_12p", "BayerRG12p"},
+                    {"merge_12_packed", "BayerRG12Packed"}};
     struct bench bench;
     bench_init(&bench, argc, argv);
     uint32_t width = (uint32_t)bench_size(&bench, 2048, 64);
-    struct ls_merge_params params = params_for("BayerRG8", width, width, EXPOSURES, bracket);
-    struct pictures p = {.half = bench_alloc((size_t)width * width * sizeof *p.half)};
-    params.reference_exposure_s = bracket[1];
-    image_init(&p.image, &params);
-    shoot(&p.image);
-    const struct against_copy row = {
-        .name = "merge",
-        .run = merge,
-        .data = &p,
-        .bytes = (double)p.image.n * (EXPOSURES * (1 + 4) + 2 + 1), /* raw, dark; half, validity */
-        .error = error_of(&p),
-        .wanted = 0.4,
-    };
-    against_copy_rows(&bench, &row, 1);
-    other_row(&bench, &p, "merge_beside_debevec", "debevec", "OpenCV MergeDebevec, 1 thread");
-    other_row(&bench, &p, "merge_beside_weighted", "weighted", "OpenCV weighted mean, 1 thread");
-    image_finish(&p.image);
-    free(p.half);
+    struct pictures p;
+    pictures_init(&p, "BayerRG8", width);
+    speed(&bench, &p, "merge", 0.4);
+    other_row(&bench, &p, "merge_beside_debevec", "debevec", "OpenCV MergeDebevec, 1 thread", 20);
+    other_row(&bench, &p, "merge_beside_weighted", "weighted", "OpenCV weighted mean, 1 thread",
+              NAN);
+    pictures_finish(&p);
+    for (size_t k = 0; k < G_N_ELEMENTS(packings); k++) {
+        pictures_init(&p, packings[k].format, width);
+        speed(&bench, &p, packings[k].name, NAN);
+        pictures_finish(&p);
+    }
     return 0;
 }

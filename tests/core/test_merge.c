@@ -104,7 +104,7 @@ static void test_extremes(const void *data)
             for (size_t k = 0; k < image.n; k++)
                 for (uint32_t i = 0; i < n; i++) {
                     image.dn[i][k] = levels[(k + (k / 7) * i) % G_N_ELEMENTS(levels)];
-                    image.dark[i][k] = (float)darks[k / 40];
+                    image.dark[i][k] = (float)darks[k / p.width];
                 }
             image_merge(&image);
             for (size_t k = 0; k < image.n; k++)
