@@ -172,4 +172,5 @@ def test_a_take_says_what_a_model_lacks_and_what_it_offers(folder):
     harness.refuses("for A it offers model sphere, model separated", fetch("A", "linear"), 7)
 
 
-harness.main(globals())
+if __name__ == "__main__":
+    harness.main(globals())

@@ -19,8 +19,8 @@ struct block {
     double *sums;
     float *mosaic;                      /* [spectrum][window], true */
     float *stored, *specular;           /* [window] */
-    float *ratio;                       /* [spectrum][colour][pixels] */
-    float *white, *rgb;                 /* [colour][pixels]: photographed; true in one spectrum */
+    float *promoted;                    /* [spectrum][pixels][colour] */
+    float *rgb;                         /* [pixels][colour], true in one spectrum */
     float *difference, *total;          /* [pixels], squares of one light */
     double *difference_sum, *total_sum; /* [pixels], of all lights */
     double *black_relit, *black_true, *black_variance; /* [pixels], mosaic */
@@ -78,7 +78,7 @@ static enum ls_err demosaic(const struct ls_field *f, const struct block *b, con
                                               .image_height = f->height,
                                               .cfa = f->cfa};
     const struct ls_demosaic_target target = {
-        {rgb, rgb + b->n, rgb + 2 * b->n}, 1, b->pixels.width};
+        {rgb, rgb + 1, rgb + 2}, JUDGE_COLOURS, (size_t)JUDGE_COLOURS * b->pixels.width};
     return ls_demosaic(&source, b->pixels, LS_DEMOSAIC_GRADIENT, &target);
 }
 
@@ -108,20 +108,20 @@ static size_t at_window(const struct block *b, uint32_t x, uint32_t y)
     return (size_t)(y - b->window.y) * b->window.width + (x - b->window.x);
 }
 
-static const float *ratio_of(const struct block *b, uint32_t spectrum)
+static const float *promoted_of(const struct block *b, uint32_t spectrum)
 {
-    return b->ratio + spectrum * JUDGE_COLOURS * b->n;
+    return b->promoted + spectrum * JUDGE_COLOURS * b->n;
 }
 
 static void add_sample(const struct block *b, const struct ls_demosaic_region *r, uint32_t spectrum,
                        struct judge_sample_sum *sum)
 {
-    const float *ratio = ratio_of(b, spectrum);
+    const float *promoted = promoted_of(b, spectrum);
     for (uint32_t y = r->y; y < r->y + r->height; y++)
         for (uint32_t x = r->x; x < r->x + r->width; x++)
             for (uint32_t c = 0; c < JUDGE_COLOURS; c++) {
-                size_t j = c * b->n + at(b, x, y);
-                sum->promoted[c] += (double)b->white[j] * ratio[j];
+                size_t j = JUDGE_COLOURS * at(b, x, y) + c;
+                sum->promoted[c] += promoted[j];
                 sum->truth[c] += b->rgb[j];
             }
 }
@@ -139,15 +139,13 @@ static void add_samples(const struct judge_comparison *s, struct judge_tally *t,
 
 static void add_difference(const struct block *b, uint32_t spectrum)
 {
-    for (uint32_t c = 0; c < JUDGE_COLOURS; c++) {
-        const float *ratio = ratio_of(b, spectrum) + c * b->n;
-        const float *white = b->white + c * b->n, *truth = b->rgb + c * b->n;
-        for (size_t j = 0; j < b->n; j++) {
-            float d = white[j] * ratio[j] - truth[j];
+    const float *promoted = promoted_of(b, spectrum);
+    for (size_t j = 0; j < b->n; j++)
+        for (size_t k = JUDGE_COLOURS * j; k < JUDGE_COLOURS * (j + 1); k++) {
+            float d = promoted[k] - b->rgb[k];
             b->difference[j] += d * d;
-            b->total[j] += truth[j] * truth[j];
+            b->total[j] += b->rgb[k] * b->rgb[k];
         }
-    }
 }
 
 static void add_ratio(struct judge_ratio_sum *sum, double difference, double truth)
@@ -244,7 +242,7 @@ static void load_light(const struct ls_field *f, const struct block *b, uint32_t
 }
 
 static enum ls_err compare_light(const struct judge_comparison *s, struct judge_tally *t,
-                                 struct block *b, uint32_t light)
+                                 struct block *b, uint32_t light, struct ls_diag *diag)
 {
     const struct ls_field *f = s->field;
     sim_sweep_light(b->truth, light, b->mosaic, b->specular);
@@ -252,7 +250,7 @@ static enum ls_err compare_light(const struct judge_comparison *s, struct judge_
     add_black(s, b, light);
     memset(b->difference, 0, b->n * sizeof *b->difference);
     memset(b->total, 0, b->n * sizeof *b->total);
-    enum ls_err err = demosaic(f, b, b->stored, b->white);
+    enum ls_err err = judge_promoted(s, light, &b->pixels, b->promoted, diag);
     for (uint32_t k = b->has_samples ? 0 : 1; k < f->n_spectra && !err; k++) {
         err = demosaic(f, b, b->mosaic + k * b->n_window, b->rgb);
         if (err)
@@ -265,19 +263,6 @@ static enum ls_err compare_light(const struct judge_comparison *s, struct judge_
     return err;
 }
 
-/* The ratios of a block's pixels by colour; 1 for white. */
-static void load_ratios(const struct judge_comparison *s, struct block *b)
-{
-    for (uint32_t k = 0; k < s->field->n_spectra; k++)
-        for (uint32_t y = b->pixels.y; y < b->pixels.y + b->pixels.height; y++)
-            for (uint32_t x = b->pixels.x; x < b->pixels.x + b->pixels.width; x++)
-                for (uint32_t c = 0; c < JUDGE_COLOURS; c++) {
-                    size_t from = ((size_t)y * s->field->width + x) * JUDGE_COLOURS + c;
-                    b->ratio[(k * JUDGE_COLOURS + c) * b->n + at(b, x, y)] =
-                        k ? s->ratio[k][from] : 1;
-                }
-}
-
 static float *carve(float **from, size_t n)
 {
     float *start = *from;
@@ -288,7 +273,7 @@ static float *carve(float **from, size_t n)
 static enum ls_err allocate(const struct judge_comparison *s, struct block *b)
 {
     size_t n = b->n, colour = JUDGE_COLOURS * n, spectra = s->field->n_spectra;
-    b->room = calloc((spectra + 2) * b->n_window + (spectra + 2) * colour + 2 * n, sizeof *b->room);
+    b->room = calloc((spectra + 2) * b->n_window + (spectra + 1) * colour + 2 * n, sizeof *b->room);
     b->sums = calloc(5 * n, sizeof *b->sums);
     if (!b->room || !b->sums)
         return LS_ERR_NOMEM;
@@ -296,8 +281,7 @@ static enum ls_err allocate(const struct judge_comparison *s, struct block *b)
     b->mosaic = carve(&room, spectra * b->n_window);
     b->stored = carve(&room, b->n_window);
     b->specular = carve(&room, b->n_window);
-    b->ratio = carve(&room, spectra * colour);
-    b->white = carve(&room, colour);
+    b->promoted = carve(&room, spectra * colour);
     b->rgb = carve(&room, colour);
     b->difference = carve(&room, n);
     b->total = carve(&room, n);
@@ -326,7 +310,6 @@ static enum ls_err open_block(const struct judge_comparison *s, uint32_t index, 
     enum ls_err err = allocate(s, b);
     if (err)
         return ls_fail(diag, err, "out of memory for a block of %u x %u pixels", width, height);
-    load_ratios(s, b);
     const struct sim_region window = {s->judge->source->camera, b->window.x, b->window.y,
                                       b->window.width, b->window.height};
     return sim_sweep_open(s->truth, &window, &b->truth, diag);
@@ -345,7 +328,7 @@ enum ls_err judge_compare_block(const struct judge_comparison *s, uint32_t index
     struct block b;
     enum ls_err err = open_block(s, index, &b, diag);
     for (uint32_t i = 0; i < s->field->n_lights && !err; i++)
-        err = compare_light(s, tally, &b, i);
+        err = compare_light(s, tally, &b, i, diag);
     if (!err)
         close_block(s, tally, &b);
     free_block(&b);

@@ -33,10 +33,18 @@ struct judge_comparison {
     const struct judge *judge;
     const struct ls_field *field;
     const struct sim_sweep *truth;            /* its channels are the field's spectra, in order */
-    const float *ratio[LS_FIELD_MAX_SPECTRA]; /* [height][width][3]; 0 is unused */
     const float *bounced;                     /* [height][width], share of bounced light */
     struct sim_sample samples[SIM_SAMPLES];
 };
+
+/**
+ * What the model makes of one light alone at strength 1: out[n_spectra][height][width][3], spectra
+ * in the field's order, in R's unit. The one place where a model is asked for. Errors: those of
+ * daemon/render.h. Any thread.
+ */
+LS_MUST_CHECK enum ls_err judge_promoted(const struct judge_comparison *comparison, uint32_t light,
+                                         const struct ls_demosaic_region *region, float *out,
+                                         struct ls_diag *diag);
 
 /** Blocks of a picture. */
 uint32_t judge_n_blocks(const struct ls_field *field);

@@ -240,15 +240,14 @@ static enum ls_err find_channel(const struct judge *judge, uint32_t spectrum, ui
 static enum ls_err open_spectra(struct sweep *s, struct ls_diag *diag)
 {
     struct ls_field_source *source = s->comparison.judge->source;
-    const struct ls_field_map *map;
+    struct ls_way way;
     uint32_t channels[LS_FIELD_MAX_SPECTRA];
     enum ls_err err = LS_OK;
     for (uint32_t k = 0; k < s->field->n_spectra && !err; k++) {
         err = find_channel(s->comparison.judge, k, &channels[k], diag);
-        if (!err && k)
-            err = ls_field_maps_get(source, LS_MAP_SPHERE, k, &map, diag);
-        if (!err && k)
-            s->comparison.ratio[k] = map->values;
+        if (!err) /* makes its map */
+            err = ls_promotion_find(source, &s->comparison.judge->promotion, source->channel_of[k],
+                                    &way, diag);
     }
     if (!err)
         err = sim_sweep_create(s->comparison.judge->scene, source->camera, channels,

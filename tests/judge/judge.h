@@ -3,9 +3,9 @@
  * Layer: tests. Threads: one caller; judge_field_errors runs two of its own. Ownership: the caller owns
  * every struct; scene, source and lobes are (transfer none).
  *
- * "Promoted" is Eq. 1 on the take; "true" is the noise-free field through the same mosaic and
- * demosaic; both in camera RGB, no matrix. Spectra: every one but white that the take has a full
- * sphere of (R A G C B on the reference rig).
+ * "Promoted" is the take's field by one model, as the daemon serves it; "true" is the noise-free field through the same mosaic and
+ * demosaic; both in camera RGB, no matrix. Spectra: every one but white that the take has pictures
+ * of (R A G C B on the reference rig).
  */
 #ifndef LS_TESTS_JUDGE_H
 #define LS_TESTS_JUDGE_H
@@ -14,6 +14,7 @@
 #include "core/error.h"
 #include "core/image.h"
 #include "daemon/field_source.h"
+#include "daemon/promotion.h"
 #include "daemon/takedir.h"
 #include "sim/truth.h"
 
@@ -26,6 +27,7 @@ struct judge {
     const struct sim_scene *scene;
     struct ls_field_source *source;
     const struct ls_lobes *lobes;
+    struct ls_promotion promotion;
 };
 
 /** Errors of the promoted field, in percent unless said otherwise. */
@@ -43,8 +45,8 @@ struct judge_field_errors {
 void judge_load(const struct ls_field *field, const struct ls_picture *picture,
                 const struct ls_demosaic_region *window, float *out);
 
-/** One sweep over lights and rows. Errors: LS_ERR_STATE (a spectrum lacks its sphere, a light its
- * picture), LS_ERR_INVALID (take and scene differ in size), LS_ERR_NOMEM. */
+/** One sweep over lights and rows. Errors: LS_ERR_STATE, LS_ERR_NOT_FOUND (a spectrum lacks what the
+ * model needs, a light its picture), LS_ERR_INVALID (take and scene differ in size), LS_ERR_NOMEM. */
 LS_MUST_CHECK enum ls_err judge_field_errors(const struct judge *judge,
                                              struct judge_field_errors *out,
                                              struct ls_diag *diag);
@@ -60,6 +62,17 @@ LS_MUST_CHECK enum ls_err judge_picture_error(const struct ls_image *relit,
                                               const struct ls_image *truth,
                                               const struct ls_image *specular, double *percent,
                                               struct ls_diag *diag);
+
+/**
+ * The paper's errors (its Figs. 5 and 7) of @relit against @truth: squared differences of a sample's
+ * mean pixel after the take's matrix M, relative to the square of the true white patch's largest
+ * channel, averaged over samples and channels; percent. NAN where there is no M. @chart, @fabric:
+ * of the 24 patches, of the 12 fabrics. @rms: the root of the mean over both, percent. Errors:
+ * LS_ERR_INVALID (sizes differ), those of sim_truth_samples.
+ */
+LS_MUST_CHECK enum ls_err judge_paper_error(const struct judge *judge, const struct ls_image *relit,
+                                            const struct ls_image *truth, double *chart,
+                                            double *fabric, double *rms, struct ls_diag *diag);
 
 /** Tickets joined to the simulator's log of what was truly shown. */
 struct judge_labels {

@@ -7,6 +7,7 @@
 #include "core/exr.h"
 #include "core/png.h"
 #include "daemon/file.h"
+#include "proto/models.h"
 #include "sim/config.h"
 
 #include <getopt.h>
@@ -27,7 +28,7 @@ enum {
 
 static const char usage[] =
     "usage: lightstage-judge --simulator FILE --take FOLDER [--log FILE] [--environment FILE]\n"
-    "           [--relit EXR --tristimulus EXR] [--sheet PNG]\n"
+    "           [--relit EXR --tristimulus EXR] [--sheet PNG] [--model MODEL]\n"
     "\n"
     "  --simulator FILE    configuration the take was simulated with\n"
     "  --take FOLDER       the take\n"
@@ -35,10 +36,11 @@ static const char usage[] =
     "  --environment FILE  spectral lobes (JSON): judge the field, relit by them\n"
     "  --relit EXR         picture relit with that environment, camera RGB\n"
     "  --tristimulus EXR   the same by the baseline\n"
-    "  --sheet PNG         write a contact sheet\n";
+    "  --sheet PNG         write a contact sheet\n"
+    "  --model MODEL       of the field: sphere (default), headlight, separated, linear, measured\n";
 
 struct options {
-    const char *simulator, *take, *log, *environment, *relit, *tristimulus, *sheet;
+    const char *simulator, *take, *log, *environment, *relit, *tristimulus, *sheet, *model;
 };
 
 /* Everything opened for judging. */
@@ -59,9 +61,10 @@ static struct options parse_options(int argc, char **argv)
         { "simulator", required_argument, NULL, 's' }, { "take", required_argument, NULL, 't' },
         { "log", required_argument, NULL, 'l' },       { "environment", required_argument, NULL, 'e' },
         { "relit", required_argument, NULL, 'r' },     { "tristimulus", required_argument, NULL, 'b' },
-        { "sheet", required_argument, NULL, 'p' },     { 0 },
+        { "sheet", required_argument, NULL, 'p' },     { "model", required_argument, NULL, 'm' },
+        { 0 },
     };
-    struct options o = { 0 };
+    struct options o = { .model = "sphere" };
     for (int c; (c = getopt_long(argc, argv, "", longs, NULL)) != -1;) {
         const char **target = c == 's'   ? &o.simulator
                               : c == 't' ? &o.take
@@ -70,6 +73,7 @@ static struct options parse_options(int argc, char **argv)
                               : c == 'r' ? &o.relit
                               : c == 'b' ? &o.tristimulus
                               : c == 'p' ? &o.sheet
+                              : c == 'm' ? &o.model
                                          : NULL;
         if (!target) {
             fputs(usage, stderr);
@@ -77,7 +81,9 @@ static struct options parse_options(int argc, char **argv)
         }
         *target = optarg;
     }
-    if (optind != argc || !o.simulator || !o.take || (o.relit && !o.environment)) {
+    Lightstage__Model model;
+    if (optind != argc || !o.simulator || !o.take || (o.relit && !o.environment) ||
+        !ls_model_by_name(o.model, &model)) {
         fputs(usage, stderr);
         exit(EXIT_USAGE);
     }
@@ -150,6 +156,7 @@ static enum ls_err open_field(struct bench *b, struct ls_diag *diag)
         err = ls_lobes_parse_json(json, length, &b->lobes, diag);
     b->judge.scene = b->scene;
     b->judge.lobes = b->lobes;
+    ls_model_by_name(b->o.model, &b->judge.promotion.model);
     return err;
 }
 
@@ -165,6 +172,7 @@ static enum ls_err judge_field(struct bench *b, struct ls_diag *diag)
     put_count(b, "width", source->width);
     put_count(b, "height", source->height);
     json_object_set_new(b->result, "calibration", json_string("given"));
+    json_object_set_new(b->result, "model", json_string(b->o.model));
     put(b, "promotion_error_percent", e.promotion);
     json_t *by_channel = json_object();
     for (uint32_t s = 1; s < source->field.n_spectra; s++)
@@ -199,11 +207,26 @@ static enum ls_err judge_picture(struct bench *b, const char *path, struct ls_im
     return err;
 }
 
+static enum ls_err judge_as_the_paper(struct bench *b, struct ls_diag *diag)
+{
+    double chart, fabric, rms;
+    enum ls_err err =
+        judge_paper_error(&b->judge, &b->relit, &b->truth, &chart, &fabric, &rms, diag);
+    if (err)
+        return err;
+    put(b, "paper_mse_chart_percent", chart);
+    put(b, "paper_mse_fabric_percent", fabric);
+    put(b, "paper_rms_percent", rms);
+    return LS_OK;
+}
+
 static enum ls_err judge_pictures(struct bench *b, struct ls_diag *diag)
 {
     enum ls_err err = judge_true_picture(&b->judge, &b->truth, &b->specular, diag);
     if (!err && b->o.relit)
         err = judge_picture(b, b->o.relit, &b->relit, "relight_error_percent", diag);
+    if (!err && b->o.relit)
+        err = judge_as_the_paper(b, diag);
     if (!err && b->o.tristimulus)
         err = judge_picture(b, b->o.tristimulus, &b->tristimulus, "tristimulus_error_percent",
                             diag);

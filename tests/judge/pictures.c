@@ -1,9 +1,11 @@
 #include "judge.h"
 
 #include "core/demosaic.h"
+#include "sim/subject.h"
 
 #include <math.h>
 #include <stdlib.h>
+#include <string.h>
 
 enum { TRUTH_DIRECTIONS = 200000, IMAGE_LIMIT_BYTES = 1 << 30 };
 
@@ -71,6 +73,63 @@ enum ls_err judge_picture_error(const struct ls_image *relit, const struct ls_im
             total += (double)truth->pixels[3 * j + c] * truth->pixels[3 * j + c];
         }
     *percent = 100 * sqrt(difference / total);
+    return LS_OK;
+}
+
+/* A sample's mean pixel after M. */
+static void sample_mean(const struct ls_image *image, const struct sim_sample *r,
+                        const double m[3][3], double out[JUDGE_COLOURS])
+{
+    double mean[JUDGE_COLOURS] = {0};
+    for (uint32_t y = r->y; y < r->y + r->height; y++)
+        for (uint32_t x = r->x; x < r->x + r->width; x++)
+            for (int c = 0; c < JUDGE_COLOURS; c++)
+                mean[c] += image->pixels[((size_t)y * image->width + x) * 3 + c] /
+                           ((double)r->width * r->height);
+    for (int c = 0; c < JUDGE_COLOURS; c++)
+        out[c] = m[c][0] * mean[0] + m[c][1] * mean[1] + m[c][2] * mean[2];
+}
+
+/* Mean square over the samples of a group, of a true white patch that is 1. */
+static double group_error(const struct sim_sample *samples, const char *group,
+                          const struct ls_image *relit, const struct ls_image *truth,
+                          const double m[3][3])
+{
+    double sum = 0, white = NAN;
+    unsigned n = 0;
+    for (uint32_t k = 0; k < SIM_SAMPLES; k++) {
+        double a[JUDGE_COLOURS], b[JUDGE_COLOURS];
+        sample_mean(relit, &samples[k], m, a);
+        sample_mean(truth, &samples[k], m, b);
+        if (!strcmp(samples[k].name, "white"))
+            white = fmax(b[0], fmax(b[1], b[2]));
+        for (int c = 0; c < JUDGE_COLOURS && !strcmp(samples[k].group, group); c++, n++)
+            sum += (a[c] - b[c]) * (a[c] - b[c]);
+    }
+    return sum / n / (white * white);
+}
+
+enum ls_err judge_paper_error(const struct judge *judge, const struct ls_image *relit,
+                              const struct ls_image *truth, double *chart, double *fabric,
+                              double *rms, struct ls_diag *diag)
+{
+    const struct ls_calibration *calibration = judge->source->facts->calibration;
+    struct sim_sample samples[SIM_SAMPLES];
+    *chart = *fabric = *rms = NAN;
+    if (!calibration || !calibration->has_m)
+        return LS_OK;
+    if (relit->width != truth->width || relit->height != truth->height || relit->n_channels != 3)
+        return ls_fail(diag, LS_ERR_INVALID, "relit picture is %ux%ux%u, the truth %ux%ux3",
+                       relit->width, relit->height, relit->n_channels, truth->width, truth->height);
+    enum ls_err err = sim_truth_samples(judge->scene, judge->source->camera, samples, diag);
+    if (err)
+        return err;
+    double patches = group_error(samples, "chart", relit, truth, calibration->m);
+    double fabrics = group_error(samples, "fabric", relit, truth, calibration->m);
+    *chart = 100 * patches;
+    *fabric = 100 * fabrics;
+    *rms = 100 * sqrt((SIM_CHART_PATCHES * patches + SIM_FABRICS * fabrics) /
+                      (SIM_CHART_PATCHES + SIM_FABRICS));
     return LS_OK;
 }
 
