@@ -2,6 +2,26 @@
 
 #include "core/view.h"
 
+#include <stdio.h>
+
+/* The time of day of "YYYY:MM:DD hh:mm:ss" as SMPTE 12M packs it, frame 0: its digits are BCD. */
+static void add_timecode(const char *date, struct ls_exr_attrs *attrs)
+{
+    unsigned hour, minute, second;
+    if (sscanf(date + 11, "%2x:%2x:%2x", &hour, &minute, &second) == 3)
+        ls_exr_attrs_timecode(attrs, "timeCode", hour << 24 | minute << 16 | second << 8, 0);
+}
+
+static void add_lens(const struct ls_document_camera *camera, struct ls_exr_attrs *attrs)
+{
+    if (camera->lens[0])
+        ls_exr_attrs_string(attrs, "lensModel", camera->lens);
+    if (camera->aperture > 0)
+        ls_exr_attrs_float(attrs, "aperture", camera->aperture);
+    if (camera->iso_speed > 0)
+        ls_exr_attrs_float(attrs, "isoSpeed", camera->iso_speed);
+}
+
 void ls_picture_attrs_take(const struct ls_take_document *document, bool calibrated,
                            struct ls_exr_attrs *attrs)
 {
@@ -11,7 +31,9 @@ void ls_picture_attrs_take(const struct ls_take_document *document, bool calibra
     if (document->date[0]) {
         ls_exr_attrs_string(attrs, "capDate", document->date);
         ls_exr_attrs_float(attrs, "utcOffset", 0);
+        add_timecode(document->date, attrs);
     }
+    add_lens(camera, attrs);
     ls_exr_attrs_string(attrs, "cameraMake", camera->vendor);
     ls_exr_attrs_string(attrs, "cameraModel", camera->model);
     ls_exr_attrs_string(attrs, "cameraSerialNumber", camera->serial);

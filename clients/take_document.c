@@ -128,6 +128,9 @@ static enum ls_err read_camera(struct ls_take_document *d, const json_t *rig, ui
     copy_text(item, "vendor", d->camera.vendor);
     copy_text(item, "model", d->camera.model);
     copy_text(item, "serial", d->camera.serial);
+    copy_text(item, "lens", d->camera.lens);
+    d->camera.aperture = (float)json_number_value(json_object_get(item, "aperture"));
+    d->camera.iso_speed = (float)json_number_value(json_object_get(item, "iso_speed"));
     copy_vector(item, "position_m", d->camera.position_m);
     copy_vector(item, "look_at_m", d->camera.look_at_m);
     d->cfa = format->cfa;

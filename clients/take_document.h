@@ -16,6 +16,8 @@ enum { LS_DOCUMENT_CHANNELS = 16, LS_DOCUMENT_LIGHTS = 4096 };
 
 struct ls_document_camera {
     char vendor[64], model[64], serial[64];
+    char lens[64];              /* empty: not said */
+    float aperture, iso_speed; /* 0: not said */
     float position_m[3], look_at_m[3];
 };
 

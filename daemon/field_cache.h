@@ -12,8 +12,8 @@
 
 struct ls_field_cache;
 
-/** Keep up to @n_idle sources that nobody uses; their ratios cost 12 bytes per pixel and promoted
- * spectrum. @storage: (transfer none). (transfer full). */
+/** Keep up to @n_idle sources that nobody uses; their maps take room in the storage folder
+ * (daemon/field_maps.h). @storage: (transfer none). (transfer full). */
 struct ls_field_cache *ls_field_cache_create(const char *storage, unsigned n_idle);
 
 /** Opened now or before; opened anew if since then the take's journal has grown or a picture has

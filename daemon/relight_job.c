@@ -98,7 +98,8 @@ static enum ls_err open_render(struct relight_job *self, struct ls_diag *diag)
                                       .n_terms = self->n_rows,
                                       .n_pictures = 1,
                                       .region = self->region,
-                                      .max_error = self->max_error};
+                                      .max_error = self->max_error,
+                                      .asker = &self->job};
     return err ? err : ls_render_open(self->source, &job, &self->render, diag);
 }
 

@@ -219,9 +219,12 @@ enum ls_err ls_render_open(struct ls_field_source *source, const struct ls_rende
     render->n_pictures = job->n_pictures;
     render->next_y = job->region.y;
     render->lights_used = count_lights(job, source->field.n_lights);
-    for (uint32_t t = 0; t < job->n_terms && !err; t++)
-        if (shines(&job->terms[t], source->field.n_lights))
+    for (uint32_t t = 0; t < job->n_terms && !err; t++) {
+        if (job->asker && ls_job_cancelled(job->asker))
+            err = ls_fail(diag, LS_ERR_ABORTED, "cancelled");
+        else if (shines(&job->terms[t], source->field.n_lights))
             err = add_part(render, &job->terms[t], &job->promotion, diag);
+    }
     for (uint32_t k = 0; k < render->n_streams && !err; k++)
         err = check_stream(render, &render->streams[k], diag);
     if (err) {

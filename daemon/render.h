@@ -11,6 +11,7 @@
 #define LS_DAEMON_RENDER_H
 
 #include "core/error.h"
+#include "daemon/job.h"
 #include "daemon/promotion.h"
 
 #include <stdbool.h>
@@ -33,6 +34,7 @@ struct ls_render_job {
     uint32_t n_terms, n_pictures;
     struct ls_demosaic_region region; /* inside the picture */
     double max_error; /* what may be left out of each picture and pixel, in R before promotion */
+    const struct ls_job *asker; /* open stops between maps once it is cancelled; or NULL */
 };
 
 struct ls_render;
@@ -40,8 +42,8 @@ struct ls_render;
 /**
  * Choose ways and make what maps they need, which may take long. A term whose weights are all 0 is
  * dropped: it needs no pictures. Errors: those of ls_promotion_find; LS_ERR_STATE (lights that shine
- * lack their pictures: the sentence counts them), LS_ERR_LIMIT (too many sums), LS_ERR_NOMEM. *out:
- * (transfer full).
+ * lack their pictures: the sentence counts them), LS_ERR_LIMIT (too many sums), LS_ERR_ABORTED
+ * (cancelled), LS_ERR_NOMEM. *out: (transfer full).
  */
 LS_MUST_CHECK enum ls_err ls_render_open(struct ls_field_source *source,
                                          const struct ls_render_job *job, struct ls_render **out,

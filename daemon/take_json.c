@@ -88,11 +88,24 @@ static json_t *plan_json(const struct ls_take_document *d)
                      "uncalibrated", uncalibrated_json(d));
 }
 
+/* What was said of the lens. */
+static json_t *add_lens(const struct ls_config_camera *c, json_t *o)
+{
+    if (c->lens)
+        json_object_set_new(o, "lens", json_string(c->lens));
+    if (c->aperture > 0)
+        json_object_set_new(o, "aperture", json_real(c->aperture));
+    if (c->iso_speed > 0)
+        json_object_set_new(o, "iso_speed", json_real(c->iso_speed));
+    return o;
+}
+
 static json_t *camera_json(const struct ls_config_camera *c, const struct ls_camera_info *info)
 {
     const float sensor[2] = {c->sensor_width_mm, c->sensor_height_mm};
     const float range[2] = {c->range_low, c->range_high};
-    return json_pack("{ss ss ss ss si si ss so so sf so so sf sf sf sf sf ss sf sf ss}", "name",
+    json_t *o = json_pack(
+                     "{ss ss ss ss si si ss so so sf so so sf sf sf sf sf ss sf sf ss}", "name",
                      c->name,
                      "vendor", info->vendor, "model", info->model, "serial", info->serial, "width",
                      (int)info->width, "height", (int)info->height, "pixel_format",
@@ -104,6 +117,7 @@ static json_t *camera_json(const struct ls_config_camera *c, const struct ls_cam
                      c->exposure_offset_us, "unverified", info->unverified, "gain", info->gain, "black_level",
                      info->black_level, "exposure",
                      c->driver.exposure == LS_EXPOSURE_WIDTH ? "width" : "timed");
+    return add_lens(c, o);
 }
 
 static json_t *channel_json(const struct ls_config_channel *c)

@@ -16,7 +16,8 @@
  * "kind" } ], "cameras" [ { "name", "vendor", "model", "serial", "width", "height", "pixel_format",
  *       "position_m", "look_at_m", "focal_length_mm", "sensor_mm", "range", "black_dn",
  *       "full_scale_dn", "electrons_per_dn", "read_noise_dn", "exposure_offset_us",
- *       "unverified", "gain", "black_level" (as read back), "exposure" width|timed } ],
+ *       "unverified", "gain", "black_level" (as read back), "exposure" width|timed;
+ *       "lens", "aperture", "iso_speed" where the rig file says them } ],
  *     "controller" { "serial", "firmware", "pwm_levels", "pwm_period_us" } },
  *   "exposure_s" [] (as used, shortest first), "reference_exposure_s",
  *   "calibration" (core/calibration.h) or null; once a run has ended "darks" and "clocks"

@@ -244,6 +244,35 @@ static void paper_divides_by_the_photographed_white_sphere(struct room *room, gc
     g_free(got);
 }
 
+static void measured_is_the_pictures_of_that_channel(struct room *room, gconstpointer data)
+{
+    double w[FULL_LIGHTS];
+    fill_weights(w);
+    const struct ls_render_term term = {.channel = FULL_CV, .weights = w, .target = -1};
+    const struct ls_render_job job = {.terms = &term, .n_terms = 1, .n_pictures = 1,
+                                      .region = whole};
+    float *got = rendered(room, &job), *expected = summed(room, FULL_CV, w);
+    for (int j = 0; j < VALUES; j++)
+        expected[j] = (float)(room->take->scale * (double)expected[j]);
+    assert_close(room, got, expected);
+    g_free(got);
+    g_free(expected);
+}
+
+static void a_cancelled_request_makes_no_more_maps(struct room *room, gconstpointer data)
+{
+    double w[FULL_LIGHTS] = {1};
+    struct ls_job asker = {.cancelled = 1};
+    struct ls_render *render = NULL;
+    struct ls_diag diag = {0};
+    const struct ls_render_term term = {.channel = FULL_CR, .weights = w, .target = -1};
+    const struct ls_render_job job = {.promotion = {.model = LIGHTSTAGE__MODEL__LINEAR},
+                                      .terms = &term, .n_terms = 1, .n_pictures = 1,
+                                      .region = whole, .asker = &asker};
+    g_assert_cmpint(ls_render_open(room->source, &job, &render, &diag), ==, LS_ERR_ABORTED);
+    g_assert_null(render);
+}
+
 static struct ls_linear_noise noise_of(const struct ls_field_noise *noise, const float *row,
                                        size_t n)
 {
@@ -591,6 +620,9 @@ int main(int argc, char **argv)
          headlight_is_core_s_ratio_of_the_head_light);
     TEST("paper-divides-by-the-photographed-white-sphere", NULL,
          paper_divides_by_the_photographed_white_sphere);
+    TEST("measured-is-the-pictures-of-that-channel", NULL,
+         measured_is_the_pictures_of_that_channel);
+    TEST("a-cancelled-request-makes-no-more-maps", NULL, a_cancelled_request_makes_no_more_maps);
     TEST("linear-is-core-s-matrices-after-demosaicing", NULL,
          linear_is_core_s_matrices_after_demosaicing);
     TEST("separated-is-core-s-sums-and-remainder", NULL, separated_is_core_s_sums_and_remainder);
