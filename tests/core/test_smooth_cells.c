@@ -343,6 +343,26 @@ static void test_the_measured_rig_is_a_white_furnace_too(void)
     g_assert_cmpfloat(furnace_error(&dome, smooth), <, 0.02);
 }
 
+/* the other kind of cells on the same domes, one light and coincident ones among them */
+static void test_nearest_cells_keep_their_energy_on_any_dome_too(void)
+{
+    enum { W = 64, H = 32 };
+    g_autofree float *rgb = g_new0(float, 3 * W * H);
+    static struct dome domes[32];
+    static double w[3 * MOST];
+    size_t n = all_domes(domes);
+    const double sr = 2 * M_PI / W * (cos(M_PI * 9 / H) - cos(M_PI * 10 / H));
+    rgb[3 * (9 * W + 40)] = 1e6f;
+    for (size_t k = 0; k < n; k++) {
+        const float(*d)[3] = (const float(*)[3])domes[k].d;
+        const struct ls_map map = {.rgb = rgb, .width = W, .height = H};
+        g_assert_cmpint(ls_envlights_omega(d, domes[k].n, w, NULL), ==, LS_OK);
+        g_assert_cmpfloat_with_epsilon(total(w, domes[k].n, 1), 4 * M_PI, 1e-9);
+        g_assert_cmpint(ls_envlights_map(d, domes[k].n, NULL, &map, w, NULL), ==, LS_OK);
+        g_assert_cmpfloat_with_epsilon(total(w, domes[k].n, 3) / (1e6 * sr), 1, 1e-12);
+    }
+}
+
 int main(int argc, char **argv)
 {
     g_test_init(&argc, &argv, NULL);
@@ -361,6 +381,8 @@ int main(int argc, char **argv)
                     test_turning_the_map_a_texel_equals_turning_by_its_angle);
     g_test_add_func("/smooth-cells/what-is-not-finite-is-refused",
                     test_what_is_not_finite_is_refused);
+    g_test_add_func("/envlights/nearest-cells-keep-their-energy-on-any-dome-too",
+                    test_nearest_cells_keep_their_energy_on_any_dome_too);
     g_test_add_func("/furnace/white-reads-white-with-either-cells",
                     test_a_white_furnace_reads_white);
     g_test_add_func("/furnace/the-measured-rig-reads-white-too",
