@@ -99,7 +99,7 @@ struct ls_relight_term {
  * out[region.height][region.width][3]: the sum over terms of scale x demosaic(sum) x ratio, or of
  * matrix (scale x demosaic(sum)) with its products added in order of the channels; terms added in
  * order, then @m (row-major 3x3; NULL = none). All in float, nothing fused, except @m in double: a
- * pixel is the same bits in any region. Holds eight demosaiced rows of one term. Errors:
+ * pixel is the same bits in any region. Holds four demosaiced rows of one term. Errors:
  * LS_ERR_INVALID, LS_ERR_NOMEM.
  */
 LS_MUST_CHECK enum ls_err ls_relight_finish(const struct ls_field *field,

@@ -121,7 +121,7 @@ static enum ls_err check_terms(const struct ls_field *field, const struct ls_rel
 }
 
 /* rows demosaiced at a time: few enough for the second cache, enough to share their neighbours */
-enum { ROWS = 8 };
+enum { ROWS = 4 };
 
 enum ls_err ls_relight_finish(const struct ls_field *field, struct ls_demosaic_region window,
                               struct ls_demosaic_region region, const struct ls_relight_term *terms,
