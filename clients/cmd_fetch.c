@@ -113,8 +113,7 @@ static void fill_attributes(const struct fetch *fetch, const Lightstage__FetchRe
     ls_promotion_report_attrs(&fetch->report, false, attrs);
     ls_exr_attrs_float(attrs, "expTime", (float)d->longest_exposure_s);
     ls_exr_attrs_string(attrs, "lightstage/channel", o->channel);
-    ls_exr_attrs_string(attrs, "lightstage/cfa",
-                        o->rgb ? "none" : ls_cfa_name(d->cfa));
+    ls_exr_attrs_string(attrs, "lightstage/cfa", o->rgb ? "none" : ls_cfa_name(d->cfa));
     ls_exr_attrs_string(attrs, "lightstage/units",
                         o->estimate ? "full scale / s x referenceExposure" : "R");
     ls_exr_attrs_int(attrs, "lightstage/blackSubtracted", 1);
@@ -124,8 +123,8 @@ static void fill_attributes(const struct fetch *fetch, const Lightstage__FetchRe
         ls_picture_attrs_light(d, band->light, attrs);
 }
 
-static enum ls_err record(struct fetch *fetch, const char *path,
-                          const Lightstage__FetchReply *band, struct ls_diag *diag)
+static enum ls_err record(struct fetch *fetch, const char *path, const Lightstage__FetchReply *band,
+                          struct ls_diag *diag)
 {
     const struct ls_take_document *d = fetch->document;
     if (fetch->options->full_sphere || band->light >= d->n_lights) {
@@ -134,13 +133,12 @@ static enum ls_err record(struct fetch *fetch, const char *path,
     }
     const float *v = d->direction[band->light];
     double omega = d->omega_sr[band->light];
-    json_array_append_new(fetch->frames,
-                          json_pack("{ss sI s[fff] sf sf}", "file", path, "light",
-                                    (json_int_t)band->light, "direction", (double)v[0],
-                                    (double)v[1], (double)v[2], "solid_angle_sr", omega, "weight",
-                                    band->gain_k));
-    if (fprintf(fetch->csv_stream, "%s,%u,%.9g,%.9g,%.9g,%.9g,%.9g\n", path, band->light, (double)v[0],
-                (double)v[1], (double)v[2], omega, band->gain_k) < 0)
+    json_array_append_new(
+        fetch->frames, json_pack("{ss sI s[fff] sf sf}", "file", path, "light",
+                                 (json_int_t)band->light, "direction", (double)v[0], (double)v[1],
+                                 (double)v[2], "solid_angle_sr", omega, "weight", band->gain_k));
+    if (fprintf(fetch->csv_stream, "%s,%u,%.9g,%.9g,%.9g,%.9g,%.9g\n", path, band->light,
+                (double)v[0], (double)v[1], (double)v[2], omega, band->gain_k) < 0)
         return ls_fail(diag, LS_ERR_NOMEM, "out of memory for the list of pictures");
     return LS_OK;
 }
@@ -300,9 +298,9 @@ static int fetch_pictures(struct fetch *fetch)
         err = receive(fetch, request);
     enum ls_err closed = close_list(fetch);
     err = err ? err : closed;
-    json_t *document = json_pack("{ss ss so sO}", "take", fetch->document->id, "channel",
-                                 fetch->options->channel, "spectra",
-                                 ls_promotion_report_json(&fetch->report), "frames", fetch->frames);
+    json_t *document =
+        json_pack("{ss ss so sO}", "take", fetch->document->id, "channel", fetch->options->channel,
+                  "spectra", ls_promotion_report_json(&fetch->report), "frames", fetch->frames);
     if (!err)
         err = write_sidecars(fetch, document);
     if (!err)
@@ -332,8 +330,7 @@ static int run(struct ls_command_context *context, int argc, char **argv)
 
 const struct ls_command ls_command_fetch = {
     "fetch", "Pictures of the field as OpenEXR, with a JSON and a CSV list beside them",
-    "TAKE --channel NAME --output PREFIX [--lights 0,5,7-9] [--full-sphere]\n"
-    LS_PROMOTION_USAGE
+    "TAKE --channel NAME --output PREFIX [--lights 0,5,7-9] [--full-sphere]\n" LS_PROMOTION_USAGE
     "         [--layout mosaic|rgb] [--estimate] [--half]\n"
     "         [--region X,Y,WIDTH,HEIGHT] [--camera N] [--json]",
     run};

@@ -10,7 +10,8 @@ int ls_promotion_option(int option, const char *word, Lightstage__Promotion *out
         return ls_model_by_name(word, &out->model)
                    ? LS_EXIT_OK
                    : ls_command_wrong("--model %s: expected measured, sphere, headlight, separated "
-                                      "or linear", word);
+                                      "or linear",
+                                      word);
     case LS_OPTION_REFERENCE:
         return ls_reference_by_name(word, &out->reference)
                    ? LS_EXIT_OK

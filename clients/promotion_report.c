@@ -66,7 +66,9 @@ void ls_promotion_report_attrs(const struct ls_promotion_report *report, bool ba
         if (is_estimated(&report->spectrum[i]))
             worst = fmax(worst, report->spectrum[i].left_out_error);
     ls_exr_attrs_string(attrs, "lightstage/model",
-                        baseline ? "tristimulus" : said ? ls_model_name(said->model) : "measured");
+                        baseline ? "tristimulus"
+                        : said   ? ls_model_name(said->model)
+                                 : "measured");
     ls_exr_attrs_string(attrs, "lightstage/reference",
                         said && !baseline ? reference_of(said) : "none");
     list_models(report, attrs);

@@ -137,8 +137,9 @@ static enum ls_err check_light(const struct fetch_job *self, uint32_t light, str
     uint32_t from = promoted(self) ? self->source->channel_of[0] : self->channel;
     bool planned = ls_field_source_planned(self->source, LS_FACT_ONE, from, light);
     return ls_fail(diag, planned ? LS_ERR_STATE : LS_ERR_NOT_FOUND,
-                   "%s %s has no picture of light %u under %s", planned ? "take" : "the plan of take",
-                   self->take, light, facts->channels[from].name);
+                   "%s %s has no picture of light %u under %s",
+                   planned ? "take" : "the plan of take", self->take, light,
+                   facts->channels[from].name);
 }
 
 static enum ls_err light_picture(const struct fetch_job *self, struct picture *out,
@@ -180,8 +181,11 @@ static enum ls_err open_render(struct fetch_job *self, struct ls_diag *diag)
         return ls_fail(diag, LS_ERR_NOMEM, "out of memory");
     weights[self->lights[self->light]] = 1;
     const struct ls_render_term term = {.channel = self->channel, .weights = weights, .target = -1};
-    const struct ls_render_job job = {.promotion = self->promotion, .terms = &term, .n_terms = 1,
-                                      .n_pictures = 1, .region = self->region};
+    const struct ls_render_job job = {.promotion = self->promotion,
+                                      .terms = &term,
+                                      .n_terms = 1,
+                                      .n_pictures = 1,
+                                      .region = self->region};
     return ls_render_open(self->source, &job, &self->render, diag);
 }
 
@@ -272,9 +276,8 @@ static enum ls_err promoted_band(struct fetch_job *self, struct ls_demosaic_regi
     float *values = NULL;
     enum ls_err err = next_promoted(self, band, &values, diag);
     chunk->payload = (uint8_t *)values;
-    return err || !self->half
-               ? err
-               : halve(chunk, (size_t)band->width * band->height * components, diag);
+    return err || !self->half ? err
+                              : halve(chunk, (size_t)band->width * band->height * components, diag);
 }
 
 static void advance(struct fetch_job *self, const struct ls_demosaic_region *band, bool *last)

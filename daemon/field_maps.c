@@ -146,8 +146,8 @@ static void fill_sphere(struct ratios *r, uint32_t q, uint32_t n_v, uint32_t n_f
     if (r->kind == LS_MAP_PAPER)
         r->v_rows[(size_t)q * n_v] = (float)ls_promote_sphere_factor(field, 0);
     else
-        ls_light_set_row(&r->source->white, field->g + (size_t)s * field->n_lights,
-                         field->n_lights, r->v_rows + (size_t)q * n_v);
+        ls_light_set_row(&r->source->white, field->g + (size_t)s * field->n_lights, field->n_lights,
+                         r->v_rows + (size_t)q * n_v);
 }
 
 /* Eq. 2: the same with the lights of the head light alone. */
@@ -199,10 +199,15 @@ static enum ls_err run_ratios(struct ratios *r, float **maps, struct ls_diag *di
         r->f[j].tiles = source->no_tiles;
     for (uint32_t q = 0; q < r->n && !err; q++)
         err = fill_ratio(r, q, n_v, n_f, diag);
-    const struct ls_ratio_job job = {.n = r->n, .n_v = n_v, .n_f = n_f,
+    const struct ls_ratio_job job = {.n = r->n,
+                                     .n_v = n_v,
+                                     .n_f = n_f,
                                      .v = paper ? source->field.sphere : source->white.pictures,
-                                     .f = r->f, .v_rows = r->v_rows, .f_rows = r->f_rows,
-                                     .neutral = (const double(*)[3])r->neutral, .maps = maps};
+                                     .f = r->f,
+                                     .v_rows = r->v_rows,
+                                     .f_rows = r->f_rows,
+                                     .neutral = (const double(*)[3])r->neutral,
+                                     .maps = maps};
     return err ? err : ls_ratio_maps_make(&source->field, &job, diag);
 }
 

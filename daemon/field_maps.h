@@ -19,7 +19,8 @@ enum ls_field_map_kind {
     LS_MAP_PAPER,     /* Eq. 1, the photographed white sphere as denominator */
     LS_MAP_HEADLIGHT, /* Eq. 2 */
     LS_MAP_LINEAR,    /* core/linear.h; mono with one spectrum per light: core/mono_blend.h */
-    LS_MAP_SEPARATED, /* core/separate.h's remainder; + 1: ideal polarisation, + 2: plain conductors */
+    LS_MAP_SEPARATED, /* core/separate.h's remainder; + 1: ideal polarisation, + 2: plain conductors
+                       */
     LS_MAP_KINDS = LS_MAP_SEPARATED + 4,
 };
 
@@ -41,8 +42,8 @@ struct ls_field_map {
 LS_MUST_CHECK enum ls_err ls_field_maps_create(struct ls_field_maps **out, struct ls_diag *diag);
 
 /** Could the map of spectrum @s be made? LS_ERR_NOT_FOUND: the plan never asked for the pictures it
- * needs; LS_ERR_STATE: they are not all there, or their pattern is not calibrated. The sentence says
- * which, and what makes them. Reads nothing. */
+ * needs; LS_ERR_STATE: they are not all there, or their pattern is not calibrated. The sentence
+ * says which, and what makes them. Reads nothing. */
 LS_MUST_CHECK enum ls_err ls_field_maps_possible(const struct ls_field_source *source,
                                                  enum ls_field_map_kind kind, uint32_t s,
                                                  struct ls_diag *diag);

@@ -101,9 +101,9 @@ static void fill_spectrum(struct ls_field_source *source, const struct ls_calibr
     }
     for (uint32_t c = 0; c < field->n_channels; c++)
         source->p[s * field->n_channels + c] = (double)cal->p[from][c];
-    source->factor[s] = source->has_sphere[s] ? ls_calibration_factor(cal, (uint32_t)from, "sphere",
-                                                                      source->duty[s])
-                                              : 1;
+    source->factor[s] = source->has_sphere[s]
+                            ? ls_calibration_factor(cal, (uint32_t)from, "sphere", source->duty[s])
+                            : 1;
 }
 
 static void fill_polarised(struct ls_field_source *source, const struct ls_calibration *cal)

@@ -55,9 +55,10 @@ static enum ls_err add(const struct ls_field_source *source, uint32_t condition,
     for (uint32_t j = 0; j < fact->n_lights; j++) {
         uint32_t light = fact->lights[j];
         if (out->segment[light] != UINT32_MAX)
-            return ls_fail(diag, LS_ERR_STATE,
-                           "take %s: light %u is in two segments of %s: they do not divide the dome",
-                           source->take, light, name_of(source, fact->channel));
+            return ls_fail(
+                diag, LS_ERR_STATE,
+                "take %s: light %u is in two segments of %s: they do not divide the dome",
+                source->take, light, name_of(source, fact->channel));
         out->segment[light] = out->n;
     }
     out->n++;
@@ -157,11 +158,12 @@ static enum ls_err from_single_lights(const struct ls_field_source *source, uint
         const struct ls_picture_map *map =
             ls_field_source_picture(source, channel, out->nearest[out->n], NULL);
         if (!map)
-            return ls_fail(diag, LS_ERR_NOT_FOUND,
-                           "take %s has no head light of %s (a condition of kind \"headlight\" makes "
-                           "one), nor %s of light %u near the camera",
-                           source->take, name_of(source, channel), name_of(source, channel),
-                           out->nearest[out->n]);
+            return ls_fail(
+                diag, LS_ERR_NOT_FOUND,
+                "take %s has no head light of %s (a condition of kind \"headlight\" makes "
+                "one), nor %s of light %u near the camera",
+                source->take, name_of(source, channel), name_of(source, channel),
+                out->nearest[out->n]);
         out->pictures[out->n].tiles = tiles_of(map);
         out->factor[out->n] = 1;
     }
@@ -177,14 +179,15 @@ enum ls_err ls_field_headlight_find(const struct ls_field_source *source, uint32
         const struct ls_condition_fact *fact = &facts->conditions[i];
         if (fact->kind != LS_FACT_HEADLIGHT || fact->channel != channel)
             continue;
-        *out = (struct ls_field_headlight){.n = 1, .lights = fact->lights,
+        *out = (struct ls_field_headlight){.n = 1,
+                                           .lights = fact->lights,
                                            .n_lights = fact->n_lights,
                                            .factor = {ls_field_source_factor(source, fact)}};
         out->pictures[0].tiles = source->maps[i].base ? tiles_of(&source->maps[i]) : NULL;
         if (out->pictures[0].tiles && out->factor[0] > 0)
             return LS_OK;
-        err = out->pictures[0].tiles ? uncalibrated(source, fact, diag)
-                                     : missing(source, fact, diag);
+        err =
+            out->pictures[0].tiles ? uncalibrated(source, fact, diag) : missing(source, fact, diag);
     }
     return err == LS_ERR_NOT_FOUND ? from_single_lights(source, channel, out, diag) : err;
 }

@@ -38,8 +38,8 @@ struct ls_field_headlight {
     uint32_t nearest[LS_HEADLIGHT_LIGHTS];
 };
 
-/** The head light's picture; where there is none, those of the LS_HEADLIGHT_LIGHTS lights nearest to
- * the camera, if the channel was photographed light by light. Errors as ls_field_segments_find.
+/** The head light's picture; where there is none, those of the LS_HEADLIGHT_LIGHTS lights nearest
+ * to the camera, if the channel was photographed light by light. Errors as ls_field_segments_find.
  * *out must not move. */
 LS_MUST_CHECK enum ls_err ls_field_headlight_find(const struct ls_field_source *source,
                                                   uint32_t channel, struct ls_field_headlight *out,

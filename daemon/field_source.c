@@ -131,11 +131,11 @@ enum ls_err ls_field_source_sound(const struct ls_field_source *source, bool siz
 {
     for (uint32_t i = 0; i < source->facts->n_conditions; i++) {
         const struct ls_picture_map *map = &source->maps[i];
-        if (map->base &&
-            (!ls_picture_map_sound(map) || (sizes && !ls_picture_map_whole(map))))
-            return ls_fail(diag, LS_ERR_INVALID,
-                           "%s: cut short, removed or unreadable; \"take verify\" says what is left",
-                           map->path);
+        if (map->base && (!ls_picture_map_sound(map) || (sizes && !ls_picture_map_whole(map))))
+            return ls_fail(
+                diag, LS_ERR_INVALID,
+                "%s: cut short, removed or unreadable; \"take verify\" says what is left",
+                map->path);
     }
     return LS_OK;
 }

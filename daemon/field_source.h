@@ -5,9 +5,9 @@
  * which any thread may ask for. Ownership: the source owns everything it points at.
  *
  * A take may hold, of any channel: each light by itself, the full sphere, segments of the dome, the
- * head light. Spectra of the field are the channels of kind spectrum of which it holds any of these,
- * white first. White is the first channel photographed light by light; in a take whose lights were
- * photographed behind polarisers only, it is the sum of the two, V + H.
+ * head light. Spectra of the field are the channels of kind spectrum of which it holds any of
+ * these, white first. White is the first channel photographed light by light; in a take whose
+ * lights were photographed behind polarisers only, it is the sum of the two, V + H.
  *
  * Without a calibration in the take the field is what it can be: gains, p and factors 1, scale 1
  * (values as stored, white near 1), cells from the lights' positions; `calibrated` is false.
@@ -48,10 +48,10 @@ struct ls_field_source {
     bool has_sphere[LS_FIELD_MAX_SPECTRA];     /* photographed, and its factor calibrated */
     struct ls_light_set set[LS_MAX_CHANNELS];  /* by channel of facts */
     struct ls_light_set white;
-    bool white_is_polarised;    /* V + H */
+    bool white_is_polarised;      /* V + H */
     int32_t vertical, horizontal; /* channels V and H of kind polariser, else the rig's first and
                                      second of that kind; or -1 */
-    double neutral_vh[2][3];    /* p of vertical and horizontal, by camera channel */
+    double neutral_vh[2][3];      /* p of vertical and horizontal, by camera channel */
     struct ls_field_maps *promoted;
 
     /* owned, behind the field's pointers */

@@ -263,7 +263,8 @@ static enum ls_err blend_ratios(struct pass *pass, const struct band *band, stru
                                                     .f = (const float *const *)pass->f_planes,
                                                     .v_noise = pass->v_noise,
                                                     .total_noise = pass->total_noise,
-                                                    .neutral = job->field->p[job->s] / job->p_in[0]};
+                                                    .neutral =
+                                                        job->field->p[job->s] / job->p_in[0]};
     float *out = job->map + (size_t)band->y0 * job->field->width * job->n_segments;
     return ls_mono_blend_ratios(&pictures, band->y0 - band->padded.y, band->y1 - band->y0, out,
                                 diag);

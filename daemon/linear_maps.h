@@ -27,13 +27,13 @@ struct ls_linear_job {
     double p_in[LS_LINEAR_MAX_INPUTS];                    /* [n_sets][n_channels] */
     const double *phi; /* [n_lights][n_segments]: a blend, of one set of a mono camera; NULL = a
                           matrix */
-    float *map; /* matrix: [height][width][n_channels][n_sets x n_channels]; blend:
-                   [height][width][n_segments] */
+    float *map;        /* matrix: [height][width][n_channels][n_sets x n_channels]; blend:
+                          [height][width][n_segments] */
 };
 
-/** Fill job->map; add to @error the segments left out one by one, every fourth pixel of every fourth
- * row (matrices of at least two segments; else left alone). Errors: those of core/linear.h and
- * ls_accumulate, LS_ERR_NOMEM. */
+/** Fill job->map; add to @error the segments left out one by one, every fourth pixel of every
+ * fourth row (matrices of at least two segments; else left alone). Errors: those of core/linear.h
+ * and ls_accumulate, LS_ERR_NOMEM. */
 LS_MUST_CHECK enum ls_err ls_linear_maps_make(const struct ls_linear_job *job,
                                               struct ls_linear_error *error, struct ls_diag *diag);
 

@@ -4,8 +4,8 @@
  *
  * A file without a name in the storage folder, mapped: the kernel may write its pages out and read
  * them back, so maps of many spectra cost no memory that is needed for something else, and nothing
- * is left behind, whatever happens to the process. All of it is allocated at once: a full disk is an
- * error here, never a signal later.
+ * is left behind, whatever happens to the process. All of it is allocated at once: a full disk is
+ * an error here, never a signal later.
  */
 #ifndef LS_DAEMON_MAP_FILE_H
 #define LS_DAEMON_MAP_FILE_H

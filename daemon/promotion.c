@@ -16,8 +16,7 @@ enum ls_err ls_promotion_read(const Lightstage__Promotion *message, Lightstage__
     if (!ls_model_name(out->model) || !ls_reference_name(out->reference))
         return ls_fail(diag, LS_ERR_UNSUPPORTED, "promotion: model %d, reference %d: not known",
                        (int)out->model, (int)out->reference);
-    if (out->reference == LIGHTSTAGE__REFERENCE__PAPER &&
-        out->model != LIGHTSTAGE__MODEL__SPHERE)
+    if (out->reference == LIGHTSTAGE__REFERENCE__PAPER && out->model != LIGHTSTAGE__MODEL__SPHERE)
         return ls_fail(diag, LS_ERR_UNSUPPORTED,
                        "promotion: reference paper divides by the photographed white sphere: it "
                        "belongs to model sphere, not %s",
@@ -115,8 +114,7 @@ static enum ls_err choose(const struct ls_field_source *source,
 }
 
 /* "; for R it offers model sphere, model linear", or nothing. */
-static void add_offers(const struct ls_field_source *source, uint32_t channel,
-                       struct ls_diag *diag)
+static void add_offers(const struct ls_field_source *source, uint32_t channel, struct ls_diag *diag)
 {
     const char *name = source->facts->channels[channel].name;
     bool first = true;
@@ -127,7 +125,8 @@ static void add_offers(const struct ls_field_source *source, uint32_t channel,
         if (choose(source, &promotion, channel, &way, NULL))
             continue;
         if (first)
-            snprintf(diag->text + used, room, "; for %s it offers model %s", name, ls_model_name((Lightstage__Model)m));
+            snprintf(diag->text + used, room, "; for %s it offers model %s", name,
+                     ls_model_name((Lightstage__Model)m));
         else
             snprintf(diag->text + used, room, ", model %s", ls_model_name((Lightstage__Model)m));
         first = false;
@@ -150,9 +149,8 @@ enum ls_err ls_promotion_find(struct ls_field_source *source, const struct ls_pr
     return err;
 }
 
-void ls_promotion_report(const struct ls_field_source *source,
-                         const struct ls_promotion *promotion, const struct ls_way *way,
-                         Lightstage__SpectrumReport *out)
+void ls_promotion_report(const struct ls_field_source *source, const struct ls_promotion *promotion,
+                         const struct ls_way *way, Lightstage__SpectrumReport *out)
 {
     lightstage__spectrum_report__init(out);
     out->channel = (char *)source->facts->channels[way->channel].name;

@@ -52,8 +52,7 @@ LS_MUST_CHECK enum ls_err ls_promotion_find(struct ls_field_source *source,
                                             struct ls_way *out, struct ls_diag *diag);
 
 /** What was done, for the client; strings point into the source. */
-void ls_promotion_report(const struct ls_field_source *source,
-                         const struct ls_promotion *promotion, const struct ls_way *way,
-                         Lightstage__SpectrumReport *out);
+void ls_promotion_report(const struct ls_field_source *source, const struct ls_promotion *promotion,
+                         const struct ls_way *way, Lightstage__SpectrumReport *out);
 
 #endif

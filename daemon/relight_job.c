@@ -126,8 +126,7 @@ static void describe(const struct relight_job *self, Lightstage__RelightReply *b
     body->calibrated = self->source->calibrated;
 }
 
-static enum ls_err send_band(struct relight_job *self, struct ls_chunk *chunk,
-                             struct ls_diag *diag)
+static enum ls_err send_band(struct relight_job *self, struct ls_chunk *chunk, struct ls_diag *diag)
 {
     Lightstage__RelightReply body;
     struct ls_demosaic_region band;

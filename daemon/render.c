@@ -39,8 +39,8 @@ static enum ls_err add_sum(struct ls_render *render, const struct ls_light_set *
                        "this light needs more than %d sums over the field at once; ask for fewer "
                        "channels, or weights shared by R, G and B",
                        LS_ACCUMULATE_MAX_SUMS);
-    float *grown = realloc(stream->weights,
-                           (size_t)(stream->n + 1) * set->n_pictures * sizeof *grown);
+    float *grown =
+        realloc(stream->weights, (size_t)(stream->n + 1) * set->n_pictures * sizeof *grown);
     if (!grown)
         return ls_fail(diag, LS_ERR_NOMEM, "out of memory for the weights of %u lights", n);
     stream->weights = grown;
@@ -87,7 +87,8 @@ static enum ls_err add_separated(struct ls_render *render, struct ls_render_part
                                  struct ls_diag *diag)
 {
     uint32_t n = render->source->field.n_lights;
-    float *grown = realloc(render->separated, (size_t)(render->n_separated + 1) * n * sizeof *grown);
+    float *grown =
+        realloc(render->separated, (size_t)(render->n_separated + 1) * n * sizeof *grown);
     if (!grown)
         return ls_fail(diag, LS_ERR_NOMEM, "out of memory for the weights of %u lights", n);
     render->separated = grown;
@@ -107,8 +108,7 @@ static enum ls_err add_part(struct ls_render *render, const struct ls_render_ter
     if (render->n_parts == LS_RENDER_MAX_TERMS)
         return ls_fail(diag, LS_ERR_LIMIT, "more than %d terms", LS_RENDER_MAX_TERMS);
     *part = (struct ls_render_part){.target = term->target, .picture = term->picture, .n_sums = 1};
-    enum ls_err err =
-        ls_promotion_find(render->source, promotion, term->channel, &part->way, diag);
+    enum ls_err err = ls_promotion_find(render->source, promotion, term->channel, &part->way, diag);
     if (err)
         return err;
     render->n_parts++;

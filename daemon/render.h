@@ -1,10 +1,10 @@
 /*
  * render: pictures made of a take's field by a model of promotion, band by band from top to bottom.
- * Layer: daemon. Threads: one at a time per object. Ownership: see each function; the source outlives
- * it.
+ * Layer: daemon. Threads: one at a time per object. Ownership: see each function; the source
+ * outlives it.
  *
- * A single light of a promoted field is a picture with one weight; a relit picture is one with many.
- * Each tile row of the field is read once (polarised pictures: once per band). The result is
+ * A single light of a promoted field is a picture with one weight; a relit picture is one with
+ * many. Each tile row of the field is read once (polarised pictures: once per band). The result is
  * bit-identical to making the whole picture at once.
  */
 #ifndef LS_DAEMON_RENDER_H
@@ -41,19 +41,19 @@ struct ls_render;
 
 /**
  * Choose ways and make what maps they need, which may take long. A term whose weights are all 0 is
- * dropped: it needs no pictures. Errors: those of ls_promotion_find; LS_ERR_STATE (lights that shine
- * lack their pictures: the sentence counts them), LS_ERR_LIMIT (too many sums), LS_ERR_ABORTED
- * (cancelled), LS_ERR_NOMEM. *out: (transfer full).
+ * dropped: it needs no pictures. Errors: those of ls_promotion_find; LS_ERR_STATE (lights that
+ * shine lack their pictures: the sentence counts them), LS_ERR_LIMIT (too many sums),
+ * LS_ERR_ABORTED (cancelled), LS_ERR_NOMEM. *out: (transfer full).
  */
 LS_MUST_CHECK enum ls_err ls_render_open(struct ls_field_source *source,
                                          const struct ls_render_job *job, struct ls_render **out,
                                          struct ls_diag *diag);
 
 /**
- * Do a piece of work; when a band is complete, *pixels is [n_pictures][band->height][band->width][3]
- * (mono: the same value three times), (transfer full), free(), else NULL. Camera RGB, in R's unit. *done with
- * the last band. LS_ERR_INVALID, LS_ERR_NOMEM. Whether the pictures could be read is the caller's
- * to ask (ls_field_source_sound).
+ * Do a piece of work; when a band is complete, *pixels is
+ * [n_pictures][band->height][band->width][3] (mono: the same value three times), (transfer full),
+ * free(), else NULL. Camera RGB, in R's unit. *done with the last band. LS_ERR_INVALID,
+ * LS_ERR_NOMEM. Whether the pictures could be read is the caller's to ask (ls_field_source_sound).
  */
 LS_MUST_CHECK enum ls_err ls_render_step(struct ls_render *render, struct ls_demosaic_region *band,
                                          float **pixels, bool *done, struct ls_diag *diag);

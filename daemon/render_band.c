@@ -102,8 +102,8 @@ static size_t fill_terms(const struct ls_render *render, const struct ls_render_
 {
     if (part->way.kind == LS_WAY_BLEND)
         return fill_blend(render, part, band, room, terms);
-    *terms = (struct ls_relight_term){.sum = sum_at(render, part->sums[0]),
-                                      .channel = part->target};
+    *terms =
+        (struct ls_relight_term){.sum = sum_at(render, part->sums[0]), .channel = part->target};
     if (part->way.kind == LS_WAY_RATIO)
         terms->ratio = rows(render, part->way.map, band);
     else if (part->way.kind == LS_WAY_MATRIX)
@@ -140,9 +140,9 @@ static enum ls_err finish_picture(const struct ls_render *render, struct ls_demo
         window = window_of(render, part->sums[0]); /* the same of every stream */
         n += fill_terms(render, part, band, &room, terms + n);
     }
-    return n == 0 ? LS_OK
-                  : ls_relight_finish(&render->source->field, window, band, terms, n, NULL, out,
-                                      diag);
+    return n == 0
+               ? LS_OK
+               : ls_relight_finish(&render->source->field, window, band, terms, n, NULL, out, diag);
 }
 
 static enum ls_err finish_direct(const struct ls_render *render, struct ls_demosaic_region band,

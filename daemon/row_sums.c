@@ -10,9 +10,9 @@ void ls_row_sums_init(struct ls_row_sums *rows, const struct ls_field *field,
     *rows = (struct ls_row_sums){.field = field, .job = *job};
     rows->tiles = ls_region_of_pixels(field, region->x, region->y, region->x + region->width,
                                       region->y + region->height, halo);
-    rows->window = (struct ls_demosaic_region){rows->tiles.x0 * LS_TILE_SIDE,
-                                               rows->tiles.y0 * LS_TILE_SIDE,
-                                               ls_region_width_px(field, &rows->tiles), 0};
+    rows->window =
+        (struct ls_demosaic_region){rows->tiles.x0 * LS_TILE_SIDE, rows->tiles.y0 * LS_TILE_SIDE,
+                                    ls_region_width_px(field, &rows->tiles), 0};
 }
 
 static void add_report(struct ls_row_sums *rows, const struct ls_accumulate_report *report)

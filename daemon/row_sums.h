@@ -3,9 +3,9 @@
  * Layer: daemon. Threads: one at a time per object. Ownership: owns the sums; pictures and weights
  * are the caller's and outlive it.
  *
- * Whoever makes a picture in bands needs a few rows around each band. They are kept from one band to
- * the next, so the result is what one pass over the whole picture would give, to the bit, and the
- * memory is that of a band and one row of tiles.
+ * Whoever makes a picture in bands needs a few rows around each band. They are kept from one band
+ * to the next, so the result is what one pass over the whole picture would give, to the bit, and
+ * the memory is that of a band and one row of tiles.
  */
 #ifndef LS_DAEMON_ROW_SUMS_H
 #define LS_DAEMON_ROW_SUMS_H
@@ -18,9 +18,9 @@
 struct ls_row_sums {
     const struct ls_field *field;
     struct ls_accumulate_job job;
-    struct ls_tile_region tiles;         /* columns; y0 is the next tile row to read */
-    struct ls_demosaic_region window;    /* what the sums hold */
-    float *sums;                         /* [job.n_sums][window.height][window.width] */
+    struct ls_tile_region tiles;        /* columns; y0 is the next tile row to read */
+    struct ls_demosaic_region window;   /* what the sums hold */
+    float *sums;                        /* [job.n_sums][window.height][window.width] */
     struct ls_accumulate_report report; /* of all rows so far */
 };
 

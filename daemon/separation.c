@@ -85,20 +85,19 @@ enum ls_err ls_separation_init(struct ls_separation *separation,
         return err;
     for (int c = 0; c < 3; c++)
         separation->white[c] = source->neutral_vh[0][c] + source->neutral_vh[1][c];
-    separation->field = (struct ls_separated_field){
-        .n_lights = field->n_lights,
-        .n_channels = field->n_channels,
-        .width = field->width,
-        .height = field->height,
-        .cfa = field->cfa,
-        .v = set_of(source, source->vertical)->pictures,
-        .h = set_of(source, source->horizontal)->pictures,
-        .split = separation->split,
-        .noise = field->noise};
-    return field->n_channels == 3
-               ? ls_conductor_make(separation->white, LS_CONDUCTOR_THRESHOLD, plain,
-                                   &separation->field.conductor, diag)
-               : LS_OK;
+    separation->field =
+        (struct ls_separated_field){.n_lights = field->n_lights,
+                                    .n_channels = field->n_channels,
+                                    .width = field->width,
+                                    .height = field->height,
+                                    .cfa = field->cfa,
+                                    .v = set_of(source, source->vertical)->pictures,
+                                    .h = set_of(source, source->horizontal)->pictures,
+                                    .split = separation->split,
+                                    .noise = field->noise};
+    return field->n_channels == 3 ? ls_conductor_make(separation->white, LS_CONDUCTOR_THRESHOLD,
+                                                      plain, &separation->field.conductor, diag)
+                                  : LS_OK;
 }
 
 void ls_separation_tint(const struct ls_separation *separation,

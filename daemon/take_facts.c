@@ -86,8 +86,8 @@ static enum ls_err read_camera(struct ls_take_facts *facts, const json_t *rig, u
     if (!format)
         return wrong(diag, "rig.cameras.pixel_format", "a GenICam name");
     for (size_t a = 0; a < 3; a++)
-        facts->camera_position_m[a] = (float)json_number_value(
-            json_array_get(json_object_get(item, "position_m"), a));
+        facts->camera_position_m[a] =
+            (float)json_number_value(json_array_get(json_object_get(item, "position_m"), a));
     facts->cfa = format->cfa;
     facts->full_scale_dn = json_number_value(json_object_get(item, "full_scale_dn"));
     facts->electrons_per_dn = json_number_value(json_object_get(item, "electrons_per_dn"));
@@ -103,8 +103,8 @@ static enum ls_fact_kind kind_of_segment(const char *pattern)
 {
     if (pattern && strcmp(pattern, "headlight") == 0)
         return LS_FACT_HEADLIGHT;
-    bool part = !pattern || strncmp(pattern, "segments-", 9) == 0 ||
-                strncmp(pattern, "lights-", 7) == 0;
+    bool part =
+        !pattern || strncmp(pattern, "segments-", 9) == 0 || strncmp(pattern, "lights-", 7) == 0;
     return part ? LS_FACT_SEGMENT : LS_FACT_OTHER;
 }
 

@@ -4,8 +4,10 @@
 
 static const char *const models[] = {"measured", "sphere", "headlight", "separated", "linear"};
 static const char *const references[] = {"strengths", "paper"};
-enum { N_MODELS = sizeof models / sizeof *models,
-       N_REFERENCES = sizeof references / sizeof *references };
+enum {
+    N_MODELS = sizeof models / sizeof *models,
+    N_REFERENCES = sizeof references / sizeof *references
+};
 
 const char *ls_model_name(Lightstage__Model model)
 {

@@ -9,7 +9,8 @@
 
 #include <stdbool.h>
 
-/** "measured", "sphere", "headlight", "separated", "linear"; NULL for a number that is none. RT-safe.
+/** "measured", "sphere", "headlight", "separated", "linear"; NULL for a number that is none.
+ * RT-safe.
  */
 const char *ls_model_name(Lightstage__Model model);
 

@@ -69,9 +69,8 @@ static void fill_patterns(struct ls_calibration *cal, bool spheres_only)
     size_t n = spheres_only ? 1 : G_N_ELEMENTS(patterns);
     for (size_t i = 0; i < n; i++)
         for (uint32_t c = 0; c < FULL_CHANNELS; c++) {
-            struct ls_calibration_pattern p = {.channel = c,
-                                               .duty = patterns[i].level / 65535.0,
-                                               .factor = patterns[i].factor};
+            struct ls_calibration_pattern p = {
+                .channel = c, .duty = patterns[i].level / 65535.0, .factor = patterns[i].factor};
             g_strlcpy(p.pattern, patterns[i].name, sizeof p.pattern);
             g_assert_cmpint(ls_calibration_put_factor(cal, &p, NULL), ==, LS_OK);
         }
@@ -143,13 +142,14 @@ static json_t *conditions_json(const struct full_take_options *options, GPtrArra
 {
     json_t *list = json_array();
     char id[32];
-    add(list, ids, json_pack("{ss ss si si}", "id", "dark-0", "kind", "dark", "repeats", 16,
-                             "exposure", 0));
+    add(list, ids,
+        json_pack("{ss ss si si}", "id", "dark-0", "kind", "dark", "repeats", 16, "exposure", 0));
     for (int c = 0; c < FULL_CHANNELS; c++)
         for (int i = 0; i < FULL_LIGHTS && is_each(options, c); i++) {
             g_snprintf(id, sizeof id, "%s-%04d", names[c], i);
-            add(list, ids, json_pack("{ss ss si ss si si}", "id", id, "kind", "one", "light", i,
-                                     "channel", names[c], "level", 65535, "repeats", 1));
+            add(list, ids,
+                json_pack("{ss ss si ss si si}", "id", id, "kind", "one", "light", i, "channel",
+                          names[c], "level", 65535, "repeats", 1));
         }
     add(list, ids, patterned("sphere-W", "sphere", FULL_CW, "sphere"));
     add(list, ids, patterned("sphere-R", "sphere", FULL_CR, "sphere"));
@@ -188,11 +188,10 @@ static char *take_json(const struct ls_calibration *cal, const struct full_take_
 {
     char *text = NULL;
     g_assert_cmpint(ls_calibration_write(cal, &text, NULL), ==, LS_OK);
-    json_t *doc = json_pack(
-        "{s{sssssoso} so s[ff] sf so}", "plan", "text", "x", "subject", "still", "pulse_us",
-        json_array(), "conditions", conditions_json(options, ids), "rig", rig_json(cal),
-        "exposure_s", 0.002, 0.01, "reference_exposure_s", reference_s, "calibration",
-        json_loads(text, 0, NULL));
+    json_t *doc = json_pack("{s{sssssoso} so s[ff] sf so}", "plan", "text", "x", "subject", "still",
+                            "pulse_us", json_array(), "conditions", conditions_json(options, ids),
+                            "rig", rig_json(cal), "exposure_s", 0.002, 0.01, "reference_exposure_s",
+                            reference_s, "calibration", json_loads(text, 0, NULL));
     g_assert_nonnull(doc);
     free(text);
     text = json_dumps(doc, JSON_REAL_PRECISION(17));

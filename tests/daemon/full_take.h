@@ -4,9 +4,10 @@
  * Layer: tests. Threads: one. Ownership: the fixture's; see free.
  *
  * Twelve lights; spectra W, R, G and polarisers V, H. W, V and H light by light (and G of a mono
- * camera); W and R as full spheres; R in three segments of four lights, and as a head light of three.
- * Light comes back diffuse, with a colour, and white from a coat; under R its diffuse part depends on
- * where the light stands, so that no model but the truth is right and each is wrong in its own way.
+ * camera); W and R as full spheres; R in three segments of four lights, and as a head light of
+ * three. Light comes back diffuse, with a colour, and white from a coat; under R its diffuse part
+ * depends on where the light stands, so that no model but the truth is right and each is wrong in
+ * its own way.
  */
 #ifndef LS_TESTS_DAEMON_FULL_TAKE_H
 #define LS_TESTS_DAEMON_FULL_TAKE_H

@@ -12,7 +12,14 @@
 #include <string.h>
 
 /* What a band takes depends on the width of the picture, not on its height: 192 rows will do. */
-enum { WIDTH = 2048, HEIGHT = 192, LIGHTS = 28, SEGMENTS = 14, SPECTRA = 6, CHANNELS = SPECTRA + 2 };
+enum {
+    WIDTH = 2048,
+    HEIGHT = 192,
+    LIGHTS = 28,
+    SEGMENTS = 14,
+    SPECTRA = 6,
+    CHANNELS = SPECTRA + 2
+};
 enum { TILES_X = WIDTH / LS_TILE_SIDE, TILES = TILES_X * HEIGHT / LS_TILE_SIDE };
 static const size_t ceiling_bytes = (size_t)256 << 20;
 
@@ -208,10 +215,12 @@ static void relight(struct made *made, Lightstage__Model model)
     for (int i = 0; i < LIGHTS; i++)
         w[i] = 0.5 + i;
     for (uint32_t t = 0; t < n; t++)
-        terms[t] = (struct ls_render_term){
-            .channel = t / 3, .weights = w, .target = (int32_t)(t % 3)};
-    const struct ls_render_job job = {.promotion = {.model = model}, .terms = terms,
-                                      .n_terms = n, .n_pictures = 1,
+        terms[t] =
+            (struct ls_render_term){.channel = t / 3, .weights = w, .target = (int32_t)(t % 3)};
+    const struct ls_render_job job = {.promotion = {.model = model},
+                                      .terms = terms,
+                                      .n_terms = n,
+                                      .n_pictures = 1,
                                       .region = {0, 0, WIDTH, HEIGHT}};
     enum ls_err err = ls_render_open(&made->source, &job, &render, &diag);
     g_assert_cmpstr(diag.text, ==, "");

@@ -39,9 +39,8 @@ static void leave(struct room *room, gconstpointer data)
     full_take_free(room->take);
 }
 
-static const Lightstage__Model models[] = {
-    LIGHTSTAGE__MODEL__SPHERE, LIGHTSTAGE__MODEL__HEADLIGHT, LIGHTSTAGE__MODEL__SEPARATED,
-    LIGHTSTAGE__MODEL__LINEAR};
+static const Lightstage__Model models[] = {LIGHTSTAGE__MODEL__SPHERE, LIGHTSTAGE__MODEL__HEADLIGHT,
+                                           LIGHTSTAGE__MODEL__SEPARATED, LIGHTSTAGE__MODEL__LINEAR};
 
 /* ---- asking ---- */
 
@@ -77,7 +76,9 @@ static float *red_by(struct room *room, Lightstage__Model model, const double *w
 {
     const struct ls_render_term term = {.channel = FULL_CR, .weights = w, .target = -1};
     const struct ls_render_job job = {.promotion = {.model = model},
-                                      .terms = &term, .n_terms = 1, .n_pictures = 1,
+                                      .terms = &term,
+                                      .n_terms = 1,
+                                      .n_pictures = 1,
                                       .region = whole};
     return rendered(room, &job);
 }
@@ -203,9 +204,9 @@ static void sphere_is_core_s_ratio_of_the_full_sphere(struct room *room, gconstp
     strengths(room->take, every, 0, g);
     row_of(room->take, g, row);
     float *v = summed(room, FULL_CW, g), *got = red_by(room, LIGHTSTAGE__MODEL__SPHERE, w);
-    assert_white_times(room, got, w,
-                       ratio_of(room, scaled(room, room->take->sphere[FULL_CR], "sphere"), v, row,
-                                FULL_LIGHTS));
+    assert_white_times(
+        room, got, w,
+        ratio_of(room, scaled(room, room->take->sphere[FULL_CR], "sphere"), v, row, FULL_LIGHTS));
     g_free(v);
     g_free(got);
 }
@@ -218,9 +219,9 @@ static void headlight_is_core_s_ratio_of_the_head_light(struct room *room, gcons
     strengths(room->take, of_head, 0, g);
     row_of(room->take, g, row);
     float *v = summed(room, FULL_CW, g), *got = red_by(room, LIGHTSTAGE__MODEL__HEADLIGHT, w);
-    assert_white_times(room, got, w,
-                       ratio_of(room, scaled(room, room->take->head, "headlight"), v, row,
-                                FULL_LIGHTS));
+    assert_white_times(
+        room, got, w,
+        ratio_of(room, scaled(room, room->take->head, "headlight"), v, row, FULL_LIGHTS));
     g_free(v);
     g_free(got);
 }
@@ -234,7 +235,9 @@ static void paper_divides_by_the_photographed_white_sphere(struct room *room, gc
     const struct ls_render_term term = {.channel = FULL_CR, .weights = w, .target = -1};
     const struct ls_render_job job = {.promotion = {.model = LIGHTSTAGE__MODEL__SPHERE,
                                                     .reference = LIGHTSTAGE__REFERENCE__PAPER},
-                                      .terms = &term, .n_terms = 1, .n_pictures = 1,
+                                      .terms = &term,
+                                      .n_terms = 1,
+                                      .n_pictures = 1,
                                       .region = whole};
     float *got = rendered(room, &job);
     assert_white_times(
@@ -249,8 +252,8 @@ static void measured_is_the_pictures_of_that_channel(struct room *room, gconstpo
     double w[FULL_LIGHTS];
     fill_weights(w);
     const struct ls_render_term term = {.channel = FULL_CV, .weights = w, .target = -1};
-    const struct ls_render_job job = {.terms = &term, .n_terms = 1, .n_pictures = 1,
-                                      .region = whole};
+    const struct ls_render_job job = {
+        .terms = &term, .n_terms = 1, .n_pictures = 1, .region = whole};
     float *got = rendered(room, &job), *expected = summed(room, FULL_CV, w);
     for (int j = 0; j < VALUES; j++)
         expected[j] = (float)(room->take->scale * (double)expected[j]);
@@ -267,8 +270,11 @@ static void a_cancelled_request_makes_no_more_maps(struct room *room, gconstpoin
     struct ls_diag diag = {0};
     const struct ls_render_term term = {.channel = FULL_CR, .weights = w, .target = -1};
     const struct ls_render_job job = {.promotion = {.model = LIGHTSTAGE__MODEL__LINEAR},
-                                      .terms = &term, .n_terms = 1, .n_pictures = 1,
-                                      .region = whole, .asker = &asker};
+                                      .terms = &term,
+                                      .n_terms = 1,
+                                      .n_pictures = 1,
+                                      .region = whole,
+                                      .asker = &asker};
     g_assert_cmpint(ls_render_open(room->source, &job, &render, &diag), ==, LS_ERR_ABORTED);
     g_assert_null(render);
 }
@@ -282,9 +288,8 @@ static struct ls_linear_noise noise_of(const struct ls_field_noise *noise, const
         sum += (double)row[i];
         most = fmax(most, (double)row[i]);
     }
-    return (struct ls_linear_noise){noise->read_variance * squares +
-                                        noise->dark_variance * sum * sum,
-                                    noise->shot * most};
+    return (struct ls_linear_noise){
+        noise->read_variance * squares + noise->dark_variance * sum * sum, noise->shot * most};
 }
 
 static float *matrices(const struct room *room)
@@ -305,11 +310,21 @@ static float *matrices(const struct room *room)
     }
     strengths(room->take, every, 0, g);
     row_of(room->take, g, row);
-    const struct ls_linear_pictures pictures = {
-        .width = FULL_W, .height = FULL_H, .n_segments = FULL_SEGMENTS, .n_in = 3, .n_out = 3,
-        .v = (const float *const *)v, .f = (const float *const *)f, .v_noise = v_noise,
-        .f_noise = f_noise, .total_noise = noise_of(&field->noise, row, FULL_LIGHTS),
-        .p_in = field->p, .p_out = field->p + 3, .inputs = {0, 1, 2}, .demosaiced = true};
+    const struct ls_linear_pictures pictures = {.width = FULL_W,
+                                                .height = FULL_H,
+                                                .n_segments = FULL_SEGMENTS,
+                                                .n_in = 3,
+                                                .n_out = 3,
+                                                .v = (const float *const *)v,
+                                                .f = (const float *const *)f,
+                                                .v_noise = v_noise,
+                                                .f_noise = f_noise,
+                                                .total_noise =
+                                                    noise_of(&field->noise, row, FULL_LIGHTS),
+                                                .p_in = field->p,
+                                                .p_out = field->p + 3,
+                                                .inputs = {0, 1, 2},
+                                                .demosaiced = true};
     struct ls_linear_options options;
     ls_linear_options_default(&options);
     g_assert_cmpint(ls_linear_fit(&pictures, &options, 0, FULL_H, m, NULL), ==, LS_OK);
@@ -353,13 +368,18 @@ static struct ls_separated_field separated(const struct room *room,
         g_assert_cmpint(ls_split_make(a, take->k[FULL_CV][i], take->k[FULL_CH][i], &split[i], NULL),
                         ==, LS_OK);
     }
-    struct ls_separated_field out = {.n_lights = FULL_LIGHTS, .n_channels = 3, .width = FULL_W,
-                                     .height = FULL_H, .cfa = field->cfa,
+    struct ls_separated_field out = {.n_lights = FULL_LIGHTS,
+                                     .n_channels = 3,
+                                     .width = FULL_W,
+                                     .height = FULL_H,
+                                     .cfa = field->cfa,
                                      .v = room->source->set[FULL_CV].pictures,
                                      .h = room->source->set[FULL_CH].pictures,
-                                     .split = split, .noise = field->noise};
+                                     .split = split,
+                                     .noise = field->noise};
     for (int c = 0; c < 3; c++)
-        white[c] = (double)take->calibration->p[FULL_CV][c] + (double)take->calibration->p[FULL_CH][c];
+        white[c] =
+            (double)take->calibration->p[FULL_CV][c] + (double)take->calibration->p[FULL_CH][c];
     g_assert_cmpint(ls_conductor_make(white, LS_CONDUCTOR_THRESHOLD, false, &out.conductor, NULL),
                     ==, LS_OK);
     return out;
@@ -420,8 +440,7 @@ static void all_lights_make_the_photographed_sphere(struct room *room, Lightstag
         double brightest = mono ? (double)pixel[0]
                                 : fmax((double)pixel[0], fmax((double)pixel[1], (double)pixel[2]));
         double expected = room->take->scale * (double)pixel[mono ? 0 : j % 3];
-        worst = fmax(worst,
-                     fabs((double)got[j] - expected) / (room->take->scale * brightest));
+        worst = fmax(worst, fabs((double)got[j] - expected) / (room->take->scale * brightest));
     }
     g_test_message("%s: off by at most %.2g", ls_model_name(model), worst);
     g_assert_cmpfloat(worst, <, tolerance);
@@ -472,7 +491,10 @@ static void a_region_is_the_crop_of_the_whole_by_every_model(struct room *room, 
     fill_terms(terms, w);
     for (size_t m = 0; m < G_N_ELEMENTS(models); m++) {
         struct ls_render_job job = {.promotion = {.model = models[m]},
-                                    .terms = terms, .n_terms = 4, .n_pictures = 2, .region = whole};
+                                    .terms = terms,
+                                    .n_terms = 4,
+                                    .n_pictures = 2,
+                                    .region = whole};
         float *all = rendered(room, &job);
         for (size_t k = 0; k < G_N_ELEMENTS(regions); k++) {
             const struct ls_demosaic_region *r = &job.region;
@@ -510,6 +532,42 @@ static void a_source_opened_anew_gives_the_same_bits(struct room *room, gconstpo
     ls_field_source_close(again.source);
 }
 
+struct asker {
+    struct room *room;
+    Lightstage__Model model;
+    const double *w;
+};
+
+static gpointer ask(gpointer data)
+{
+    const struct asker *asker = data;
+    return red_by(asker->room, asker->model, asker->w);
+}
+
+/* All want maps that are not there yet; each model is asked for twice. */
+static void threads_that_ask_at_once_get_the_same_bits(struct room *room, gconstpointer data)
+{
+    enum { ASKERS = 2 * G_N_ELEMENTS(models) };
+    struct room fresh = {.take = room->take};
+    struct asker askers[ASKERS];
+    GThread *threads[ASKERS];
+    double w[FULL_LIGHTS];
+    fill_weights(w);
+    g_assert_cmpint(ls_field_source_open(room->take->root, room->take->id, 0, &fresh.source, NULL),
+                    ==, LS_OK);
+    for (int t = 0; t < ASKERS; t++) {
+        askers[t] = (struct asker){&fresh, models[(size_t)t % G_N_ELEMENTS(models)], w};
+        threads[t] = g_thread_new("ask", ask, &askers[t]);
+    }
+    for (int t = 0; t < ASKERS; t++) {
+        float *got = g_thread_join(threads[t]), *alone = red_by(room, askers[t].model, w);
+        g_assert_cmpmem(got, VALUES * sizeof *got, alone, VALUES * sizeof *alone);
+        g_free(got);
+        g_free(alone);
+    }
+    ls_field_source_close(fresh.source);
+}
+
 static void models_differ_where_light_depends_on_its_direction(struct room *room,
                                                                gconstpointer data)
 {
@@ -538,7 +596,9 @@ static void lights_photographed_polarised_only_make_white(struct room *room, gco
     g_assert_true(room->source->white_is_polarised);
     const struct ls_render_term term = {.channel = FULL_CW, .weights = w, .target = -1};
     const struct ls_render_job job = {.promotion = {.model = LIGHTSTAGE__MODEL__SPHERE},
-                                      .terms = &term, .n_terms = 1, .n_pictures = 1,
+                                      .terms = &term,
+                                      .n_terms = 1,
+                                      .n_pictures = 1,
                                       .region = whole};
     float *got = rendered(room, &job), *mosaic = g_new0(float, FULL_PIXELS);
     add_lights(room->take, FULL_CV, w, mosaic);
@@ -580,8 +640,7 @@ static void a_pattern_nobody_calibrated_is_refused(struct room *room, gconstpoin
                 "for R it offers model sphere, model separated");
 }
 
-static void a_refusal_names_the_plan_kind_and_what_is_offered(struct room *room,
-                                                              gconstpointer data)
+static void a_refusal_names_the_plan_kind_and_what_is_offered(struct room *room, gconstpointer data)
 {
     assert_says(refusal(room, LIGHTSTAGE__MODEL__MEASURED, FULL_CR, LS_ERR_NOT_FOUND),
                 "kind \"each\" makes them); for R it offers model sphere, model headlight, model "
@@ -605,12 +664,13 @@ static void a_map_that_finds_no_room_is_an_error(void)
     ls_map_file_finish(&map);
 }
 
-#define TEST(name, options, function)                                                              \
+#define TEST(name, options, function) \
     g_test_add("/models/" name, struct room, options, enter, function, leave)
 
 int main(int argc, char **argv)
 {
-    static const struct full_take_options mono = {.mono = true}, polarised = {.polarised_only = true};
+    static const struct full_take_options mono = {.mono = true},
+                                          polarised = {.polarised_only = true};
     static const struct full_take_options two = {.mono = true, .mono_two = true};
     static const struct full_take_options spheres = {.sphere_factors_only = true};
     g_test_init(&argc, &argv, NULL);
@@ -638,7 +698,10 @@ int main(int argc, char **argv)
          a_region_is_the_crop_of_the_whole_by_every_model);
     TEST("a-region-of-a-mono-camera-with-two-spectra-is-the-crop-of-the-whole", &two,
          a_region_is_the_crop_of_the_whole_by_every_model);
-    TEST("a-source-opened-anew-gives-the-same-bits", NULL, a_source_opened_anew_gives_the_same_bits);
+    TEST("a-source-opened-anew-gives-the-same-bits", NULL,
+         a_source_opened_anew_gives_the_same_bits);
+    TEST("threads-that-ask-at-once-get-the-same-bits", NULL,
+         threads_that_ask_at_once_get_the_same_bits);
     TEST("models-differ-where-light-depends-on-its-direction", NULL,
          models_differ_where_light_depends_on_its_direction);
     TEST("lights-photographed-polarised-only-make-white", &polarised,
