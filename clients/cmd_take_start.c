@@ -5,7 +5,6 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
-#include <sys/random.h>
 
 enum { PLAN_BYTES = 1024 * 1024 };
 
@@ -14,16 +13,6 @@ struct options {
     char token[64];
     bool no_wait;
 };
-
-static bool make_token(char token[64])
-{
-    uint8_t random[12];
-    if (getrandom(random, sizeof random, 0) != sizeof random)
-        return false;
-    for (size_t i = 0; i < sizeof random; i++)
-        snprintf(token + 2 * i, 3, "%02x", random[i]);
-    return true;
-}
 
 /* Common to start and resume; -1 = go on. */
 static int parse(struct ls_command_context *context, const struct ls_command *command, int argc,
@@ -49,7 +38,7 @@ static int parse(struct ls_command_context *context, const struct ls_command *co
         else
             snprintf(out->token, sizeof out->token, "%s", optarg);
     }
-    if (!out->token[0] && !make_token(out->token))
+    if (!out->token[0] && !ls_take_token(out->token))
         return ls_command_wrong("no random numbers for a token; give one with --token");
     return -1;
 }

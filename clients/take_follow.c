@@ -6,6 +6,7 @@
 #include <stdio.h>
 #include <string.h>
 #include <sys/ioctl.h>
+#include <sys/random.h>
 #include <unistd.h>
 
 static volatile sig_atomic_t interrupts; /* the one thing a signal handler can write */
@@ -24,6 +25,16 @@ void ls_take_follow_signals(void)
     sigemptyset(&block);
     sigaddset(&block, SIGINT);
     sigprocmask(SIG_BLOCK, &block, NULL); /* it arrives while the connection waits, only there */
+}
+
+bool ls_take_token(char token[64])
+{
+    uint8_t random[12];
+    if (getrandom(random, sizeof random, 0) != sizeof random)
+        return false;
+    for (size_t i = 0; i < sizeof random; i++)
+        snprintf(token + 2 * i, 3, "%02x", random[i]);
+    return true;
 }
 
 /* ---- progress bar ---- */
@@ -79,10 +90,13 @@ static int send_abort(struct ls_command_context *context)
 
 static int print_end(struct ls_command_context *context, const Lightstage__TakeStatus *status)
 {
-    if (context->json)
+    if (context->json && !context->quiet)
         ls_command_print_json(ls_take_status_json(status));
-    else
+    else if (!context->quiet)
         ls_take_status_print(status);
+    else
+        fprintf(stderr, "%s: %s%s%s\n", status->id, ls_take_state_word(status->state),
+                status->message[0] ? ": " : "", status->message);
     if (interrupts > 0)
         return LS_EXIT_INTERRUPTED;
     return status->state == LIGHTSTAGE__TAKE_STATE__COMPLETE ? LS_EXIT_OK : LS_EXIT_NO;

@@ -14,6 +14,9 @@
  * incomplete or failed, INTERRUPTED after Ctrl-C. */
 int ls_take_follow(struct ls_command_context *context, const char *token);
 
+/** A token nobody else has. False: no random numbers to be had. */
+bool ls_take_token(char token[64]);
+
 /** From now on SIGINT is counted, not deadly. */
 void ls_take_follow_signals(void);
 

@@ -1,0 +1,155 @@
+#include "clients/calibrate_shoot.h"
+
+#include "clients/take_follow.h"
+
+#include <signal.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+enum { HEADLIGHTS = 3, PLAN_BYTES = 4096 };
+
+static const struct {
+    const char *take, *subject;
+} objects[LS_N_OBJECTS] = {
+    {"calibrate-grey", "the grey sphere"},
+    {"calibrate-chrome", "the chrome ball"},
+    {"calibrate-gloss", "the black glossy sphere"},
+};
+
+/* ---- asking ---- */
+
+static void let_interrupts_in(bool in)
+{
+    sigset_t set;
+    sigemptyset(&set);
+    sigaddset(&set, SIGINT);
+    sigprocmask(in ? SIG_UNBLOCK : SIG_BLOCK, &set, NULL);
+}
+
+static int ask(enum ls_calibrate_object object)
+{
+    char line[64];
+    fprintf(stderr, "Put %s at the stage's centre, clear the stage, and press Enter: ",
+            objects[object].subject);
+    let_interrupts_in(true);
+    bool answered = fgets(line, sizeof line, stdin) != NULL;
+    bool ended = feof(stdin);
+    let_interrupts_in(false);
+    if (answered)
+        return LS_EXIT_OK;
+    fputc('\n', stderr);
+    if (!ended)
+        return LS_EXIT_INTERRUPTED;
+    ls_command_wrong("nobody answers on standard input; --yes goes on without asking");
+    return LS_EXIT_NO;
+}
+
+/* ---- the plan ---- */
+
+/* "R", "A" of the channels wanted. */
+static void channel_list(const Lightstage__RigReply *rig, bool spectra, bool polarisers,
+                         bool white_alone, char *out, size_t size)
+{
+    size_t at = 0;
+    out[0] = '\0';
+    for (size_t c = 0; c < rig->n_channels && at < size; c++) {
+        const Lightstage__RigChannel *channel = rig->channels[c];
+        if (channel->polariser ? !polarisers : !spectra)
+            continue;
+        at += (size_t)snprintf(out + at, size - at, "%s\"%s\"", at ? ", " : "", channel->name);
+        if (white_alone)
+            return;
+    }
+}
+
+static void grey_conditions(const struct ls_calibrate_shoot *shoot, const Lightstage__RigReply *rig,
+                            char *out, size_t size)
+{
+    char all[512], spectra[512], segments[640] = "", headlight[640] = "";
+    channel_list(rig, true, true, false, all, sizeof all);
+    channel_list(rig, true, false, false, spectra, sizeof spectra);
+    if (shoot->segments > 0 && shoot->segments <= rig->n_lights)
+        snprintf(segments, sizeof segments,
+                 ", { kind = \"segments\"; count = %u; channels = [%s]; }", shoot->segments,
+                 spectra);
+    if (rig->n_lights >= HEADLIGHTS)
+        snprintf(headlight, sizeof headlight, ", { kind = \"headlight\"; channels = [%s]; }",
+                 spectra);
+    snprintf(out, size,
+             "{ kind = \"sphere\"; channels = [%s]; }, { kind = \"each\"; channels = [%s]; }%s%s",
+             all, all, segments, headlight);
+}
+
+static void write_plan(const struct ls_calibrate_shoot *shoot, enum ls_calibrate_object object,
+                       const Lightstage__RigReply *rig, char *out, size_t size)
+{
+    char conditions[3072], channels[512];
+    channel_list(rig, object == LS_OBJECT_CHROME, object == LS_OBJECT_GLOSS,
+                 object == LS_OBJECT_CHROME, channels, sizeof channels);
+    snprintf(conditions, sizeof conditions, "{ kind = \"each\"; channels = [%s]; }", channels);
+    if (object == LS_OBJECT_GREY)
+        grey_conditions(shoot, rig, conditions, sizeof conditions);
+    snprintf(out, size, "subject = \"still\"; exposures_us = [%s]; darks = %u;\nconditions = ( %s );\n",
+             shoot->exposures_us[object], shoot->darks, conditions);
+}
+
+static int make_plan(struct ls_command_context *context, const struct ls_calibrate_shoot *shoot,
+                     enum ls_calibrate_object object, char *plan)
+{
+    Lightstage__Rig body = LIGHTSTAGE__RIG__INIT;
+    struct ls_reply reply;
+    int code = ls_command_call(context, LS_MESSAGE_RIG, &body.base, NULL, 0, &reply);
+    if (code)
+        return code;
+    write_plan(shoot, object, (const Lightstage__RigReply *)reply.message, plan, PLAN_BYTES);
+    ls_reply_finish(&reply);
+    return LS_EXIT_OK;
+}
+
+/* ---- the take ---- */
+
+static int take_of_token(struct ls_command_context *context, const char *token, char id[128])
+{
+    Lightstage__TakeProgress body = LIGHTSTAGE__TAKE_PROGRESS__INIT;
+    struct ls_reply reply;
+    body.token = (char *)token;
+    int code = ls_command_call(context, LS_MESSAGE_TAKE_PROGRESS, &body.base, NULL, 0, &reply);
+    if (code)
+        return code;
+    snprintf(id, 128, "%s", ((const Lightstage__TakeStatus *)reply.message)->id);
+    ls_reply_finish(&reply);
+    return LS_EXIT_OK;
+}
+
+static int photograph(struct ls_command_context *context, enum ls_calibrate_object object,
+                      const char *plan, char id[128])
+{
+    char token[64];
+    Lightstage__TakeStart body = LIGHTSTAGE__TAKE_START__INIT;
+    struct ls_reply reply;
+    if (!ls_take_token(token))
+        return ls_command_wrong("no random numbers for a token");
+    body.name = (char *)objects[object].take;
+    body.token = token;
+    int code = ls_command_call(context, LS_MESSAGE_TAKE_START, &body.base, plan, strlen(plan),
+                               &reply);
+    if (code)
+        return code;
+    ls_reply_finish(&reply);
+    code = ls_take_follow(context, token);
+    return code ? code : take_of_token(context, token, id);
+}
+
+int ls_calibrate_shoot(struct ls_command_context *context, const struct ls_calibrate_shoot *shoot,
+                       enum ls_calibrate_object object, char id[128])
+{
+    char plan[PLAN_BYTES];
+    ls_take_follow_signals();
+    int code = make_plan(context, shoot, object, plan);
+    if (!code && !shoot->yes)
+        code = ask(object);
+    if (!code)
+        code = photograph(context, object, plan, id);
+    return code;
+}

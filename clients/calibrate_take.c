@@ -1,0 +1,362 @@
+#include "clients/calibrate_take.h"
+
+#include "core/merge.h"
+
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+enum { MAX_PICTURES = 65536, FULL_LEVEL = 65535 };
+
+void ls_calibrate_take_close(struct ls_calibrate_take *take)
+{
+    if (!take)
+        return;
+    for (uint32_t i = 0; i < take->n_pictures; i++)
+        free(take->pictures[i].weights);
+    free(take->pictures);
+    ls_take_document_destroy(take->document);
+    free(take);
+}
+
+static enum ls_err wrong(struct ls_diag *diag, const char *key)
+{
+    return ls_fail(diag, LS_ERR_INVALID, "take.json: %s is missing or not what this client knows",
+                   key);
+}
+
+int ls_calibrate_channel(const struct ls_calibrate_take *take, const char *name)
+{
+    for (uint32_t c = 0; name && c < take->document->n_channels; c++)
+        if (!strcmp(take->document->channels[c].name, name))
+            return (int)c;
+    return -1;
+}
+
+/* ---- plan ---- */
+
+/* Weights of a pattern: every light, or those listed, each at its level over the nominal one. */
+static enum ls_err read_weights(const struct ls_calibrate_take *take, const json_t *item,
+                                double level, struct ls_calibrate_picture *out,
+                                struct ls_diag *diag)
+{
+    const json_t *lights = json_object_get(item, "lights"), *levels = json_object_get(item, "levels");
+    uint32_t n_lights = take->document->n_lights;
+    out->weights = calloc(n_lights, sizeof *out->weights);
+    if (!out->weights)
+        return ls_fail(diag, LS_ERR_NOMEM, "out of memory");
+    for (uint32_t i = 0; !lights && i < n_lights; i++)
+        out->weights[i] = 1;
+    for (size_t k = 0; k < json_array_size(lights); k++) {
+        json_int_t light = json_integer_value(json_array_get(lights, k));
+        if (light < 0 || light >= n_lights)
+            return wrong(diag, "plan.conditions.lights");
+        out->weights[light] =
+            levels ? (float)(json_number_value(json_array_get(levels, k)) / level) : 1;
+    }
+    return LS_OK;
+}
+
+static enum ls_err read_picture(struct ls_calibrate_take *take, const json_t *item,
+                                struct ls_diag *diag)
+{
+    const char *id = json_string_value(json_object_get(item, "id"));
+    const char *channel = json_string_value(json_object_get(item, "channel"));
+    const char *pattern = json_string_value(json_object_get(item, "pattern"));
+    const json_t *light = json_object_get(item, "light");
+    double level = json_number_value(json_object_get(item, "level"));
+    int index = ls_calibrate_channel(take, channel);
+    if (!channel)
+        return LS_OK; /* a dark */
+    struct ls_calibrate_picture *out = &take->pictures[take->n_pictures];
+    if (!id || strlen(id) >= sizeof out->id || index < 0 || !(level >= 1) || level > FULL_LEVEL)
+        return wrong(diag, "plan.conditions");
+    if ((!light && !pattern) || (pattern && strlen(pattern) >= sizeof out->pattern))
+        return wrong(diag, "plan.conditions.pattern");
+    *out = (struct ls_calibrate_picture){.channel = (uint32_t)index, .duty = level / FULL_LEVEL};
+    take->n_pictures++;
+    snprintf(out->id, sizeof out->id, "%s", id);
+    snprintf(out->pattern, sizeof out->pattern, "%s", light ? "" : pattern);
+    out->light = light ? (int32_t)json_integer_value(light) : -1;
+    if (light && (out->light < 0 || (uint32_t)out->light >= take->document->n_lights))
+        return wrong(diag, "plan.conditions.light");
+    return light ? LS_OK : read_weights(take, item, level, out, diag);
+}
+
+static enum ls_err read_plan(struct ls_calibrate_take *take, const json_t *doc,
+                             struct ls_diag *diag)
+{
+    const json_t *list = json_object_get(json_object_get(doc, "plan"), "conditions");
+    size_t n = json_array_size(list);
+    if (n < 1 || n > MAX_PICTURES)
+        return wrong(diag, "plan.conditions");
+    take->pictures = calloc(n, sizeof *take->pictures);
+    enum ls_err err = take->pictures ? LS_OK : ls_fail(diag, LS_ERR_NOMEM, "out of memory");
+    for (size_t i = 0; i < n && !err; i++)
+        err = read_picture(take, json_array_get(list, i), diag);
+    return err;
+}
+
+/* ---- camera ---- */
+
+static double number(const json_t *item, const char *key)
+{
+    const json_t *value = json_object_get(item, key);
+    return json_is_number(value) ? json_number_value(value) : NAN;
+}
+
+/* Of a dim pixel, where the whole bracket counts: var(E) = sigma^2 / sum t^2, and shot noise of E
+ * adds E sum t^3 / (sum t^2)^2. */
+static enum ls_err read_exposures(struct ls_calibrate_take *take, const json_t *doc,
+                                  struct ls_diag *diag)
+{
+    const json_t *list = json_object_get(doc, "exposure_s");
+    double t2 = 0, t3 = 0, full = take->full_scale_dn;
+    double sigma2 = take->read_noise_dn * take->read_noise_dn + 1.0 / 12;
+    take->shortest_s = INFINITY;
+    for (size_t i = 0; i < json_array_size(list); i++) {
+        double t = json_number_value(json_array_get(list, i));
+        take->shortest_s = fmin(take->shortest_s, t);
+        t2 += t * t;
+        t3 += t * t * t;
+    }
+    if (!(take->shortest_s > 0) || !isfinite(t3))
+        return wrong(diag, "exposure_s");
+    take->noise = (struct ls_field_noise){.read_variance = sigma2 / (full * full * t2),
+                                          .shot = t3 / (full * take->electrons_per_dn * t2 * t2)};
+    return LS_OK;
+}
+
+static enum ls_err read_camera(struct ls_calibrate_take *take, const json_t *doc,
+                               struct ls_diag *diag)
+{
+    const json_t *item = json_array_get(
+        json_object_get(json_object_get(doc, "rig"), "cameras"), take->camera_row);
+    const struct ls_take_document *d = take->document;
+    const char *format = json_string_value(json_object_get(item, "pixel_format"));
+    const json_t *range = json_object_get(item, "range"), *sensor = json_object_get(item, "sensor_mm");
+    double position[3], look_at[3];
+    for (int k = 0; k < 3; k++) {
+        position[k] = (double)d->camera.position_m[k];
+        look_at[k] = (double)d->camera.look_at_m[k];
+    }
+    take->full_scale_dn = number(item, "full_scale_dn");
+    take->black_dn = number(item, "black_dn");
+    take->electrons_per_dn = number(item, "electrons_per_dn");
+    take->read_noise_dn = number(item, "read_noise_dn");
+    take->exposure_offset_us = number(item, "exposure_offset_us");
+    take->range_low = json_number_value(json_array_get(range, 0));
+    take->range_high = json_number_value(json_array_get(range, 1));
+    take->black = take->black_dn / take->full_scale_dn;
+    if (!(take->full_scale_dn > 0) || !(take->electrons_per_dn > 0) ||
+        !(take->read_noise_dn >= 0) || !(take->black >= 0) || !(take->range_high > 0) ||
+        isnan(take->exposure_offset_us) || !format)
+        return wrong(diag, "rig.cameras");
+    snprintf(take->pixel_format, sizeof take->pixel_format, "%s", format);
+    snprintf(take->cfa, sizeof take->cfa, "%s", d->mono ? "mono" : ls_cfa_name(d->cfa));
+    return ls_pinhole_aim(position, look_at, number(item, "focal_length_mm"),
+                          json_number_value(json_array_get(sensor, 0)), d->width, d->height,
+                          &take->camera, diag);
+}
+
+/* ---- opening ---- */
+
+enum ls_err ls_calibrate_take_parse(struct ls_command_context *context, const char *id,
+                                    const char *text, size_t n, uint32_t camera,
+                                    struct ls_calibrate_take **out, struct ls_diag *diag)
+{
+    struct ls_calibrate_take *take = calloc(1, sizeof *take);
+    if (!take)
+        return ls_fail(diag, LS_ERR_NOMEM, "out of memory");
+    take->context = context;
+    take->camera_row = camera;
+    snprintf(take->id, sizeof take->id, "%s", id);
+    json_t *doc = json_loadb(text, n, 0, NULL);
+    enum ls_err err = ls_take_document_parse(text, n, camera, &take->document, diag);
+    if (!err)
+        err = read_camera(take, doc, diag);
+    if (!err)
+        err = read_exposures(take, doc, diag);
+    if (!err)
+        err = read_plan(take, doc, diag);
+    json_decref(doc);
+    if (err)
+        ls_calibrate_take_close(take);
+    else
+        *out = take;
+    return err;
+}
+
+enum ls_err ls_calibrate_take_open(struct ls_command_context *context, const char *id,
+                                   uint32_t camera, struct ls_calibrate_take **out)
+{
+    Lightstage__TakeShow body = LIGHTSTAGE__TAKE_SHOW__INIT;
+    struct ls_reply reply;
+    body.take = (char *)id;
+    enum ls_err err = ls_connection_call(context->connection, LS_MESSAGE_TAKE_SHOW, &body.base,
+                                         NULL, 0, &reply, &context->diag);
+    if (err)
+        return err;
+    err = ls_calibrate_take_parse(context, id, (const char *)reply.payload, reply.payload_bytes,
+                                  camera, out, &context->diag);
+    ls_reply_finish(&reply);
+    return err;
+}
+
+/* ---- looking up ---- */
+
+const struct ls_calibrate_picture *ls_calibrate_find(const struct ls_calibrate_take *take,
+                                                     uint32_t channel, int32_t light,
+                                                     const char *pattern)
+{
+    for (uint32_t i = 0; i < take->n_pictures; i++) {
+        const struct ls_calibrate_picture *p = &take->pictures[i];
+        if (p->channel == channel &&
+            (light >= 0 ? p->light == light : p->light < 0 && !strcmp(p->pattern, pattern)))
+            return p;
+    }
+    return NULL;
+}
+
+bool ls_calibrate_has_all(const struct ls_calibrate_take *take, uint32_t channel)
+{
+    uint32_t n = 0;
+    for (uint32_t i = 0; i < take->n_pictures; i++)
+        n += take->pictures[i].channel == channel && take->pictures[i].light >= 0;
+    return n == take->document->n_lights; /* the daemon refuses a plan that names one twice */
+}
+
+int ls_calibrate_white(const struct ls_calibrate_take *take)
+{
+    for (uint32_t c = 0; c < take->document->n_channels; c++)
+        if (take->document->channels[c].spectrum)
+            return (int)c;
+    return -1;
+}
+
+struct ls_calibrate_region ls_calibrate_around(const struct ls_calibrate_take *take,
+                                               const struct ls_outline *outline)
+{
+    enum { MARGIN = 8 };
+    double r = outline->radius_px + MARGIN;
+    double x0 = fmax(outline->x_px - r, 0), y0 = fmax(outline->y_px - r, 0);
+    double x1 = fmin(outline->x_px + r, take->document->width);
+    double y1 = fmin(outline->y_px + r, take->document->height);
+    struct ls_calibrate_region out = {.x = (uint32_t)x0 & ~1u, .y = (uint32_t)y0 & ~1u};
+    out.width = (uint32_t)ceil(fmax(x1, x0 + 2)) - out.x;
+    out.height = (uint32_t)ceil(fmax(y1, y0 + 2)) - out.y;
+    return out;
+}
+
+/* ---- fetching ---- */
+
+enum { NAMES_PER_REQUEST = 256 };
+
+struct fetch {
+    const struct ls_calibrate_take *take;
+    const struct ls_calibrate_picture *const *pictures; /* of this request */
+    uint32_t n;
+    struct ls_calibrate_region region;
+    float *e;
+    uint8_t *validity;
+    ls_calibrate_use *use;
+    void *user;
+};
+
+static enum ls_err send_request(const struct fetch *f, uint32_t *request)
+{
+    Lightstage__Fetch body = LIGHTSTAGE__FETCH__INIT;
+    Lightstage__Region region = LIGHTSTAGE__REGION__INIT;
+    char *names[NAMES_PER_REQUEST];
+    for (uint32_t i = 0; i < f->n; i++)
+        names[i] = (char *)f->pictures[i]->id;
+    region.x = f->region.x;
+    region.y = f->region.y;
+    region.width = f->region.width;
+    region.height = f->region.height;
+    body.take = (char *)f->take->id;
+    body.conditions = names;
+    body.n_conditions = f->n;
+    body.region = &region;
+    body.quantity = LIGHTSTAGE__QUANTITY__ESTIMATE;
+    body.camera = f->take->camera_row;
+    return ls_connection_send(f->take->context->connection, LS_MESSAGE_FETCH, &body.base, NULL, 0,
+                              request, &f->take->context->diag);
+}
+
+/* A pixel is saturated where its estimate says that even the shortest exposure was out of range. */
+static void put_row(const struct fetch *f, const float *from, double unit, size_t at, uint32_t n)
+{
+    const struct ls_calibrate_take *take = f->take;
+    double limit = (take->range_high - take->black) / take->shortest_s;
+    for (uint32_t x = 0; x < n; x++) {
+        f->e[at + x] = (float)((double)from[x] * unit);
+        f->validity[at + x] = (double)f->e[at + x] > limit ? LS_VALIDITY_SATURATED : LS_VALIDITY_OK;
+    }
+}
+
+static enum ls_err take_band(const struct fetch *f, const struct ls_reply *reply,
+                             struct ls_diag *diag)
+{
+    const Lightstage__FetchReply *band = (const Lightstage__FetchReply *)reply->message;
+    const struct ls_take_document *d = f->take->document;
+    if (reply->type != (LS_MESSAGE_FETCH | LS_MESSAGE_REPLY) || band->light >= f->n ||
+        band->sample != LIGHTSTAGE__SAMPLE__FLOAT || band->components != 1 ||
+        f->region.x + (uint64_t)band->width > d->width ||
+        f->region.y + (uint64_t)band->first_row + band->n_rows > d->height ||
+        reply->payload_bytes != (size_t)band->width * band->n_rows * sizeof(float) ||
+        !(band->reference_exposure_s > 0))
+        return ls_fail(diag, LS_ERR_INVALID, "the daemon sent rows that do not fit the picture");
+    for (uint32_t y = 0; y < band->n_rows; y++) {
+        size_t at = (size_t)(f->region.y + band->first_row + y) * d->width + f->region.x;
+        put_row(f, (const float *)(const void *)reply->payload + (size_t)y * band->width,
+                1 / band->reference_exposure_s, at, band->width);
+    }
+    if (band->first_row + band->n_rows < band->height)
+        return LS_OK;
+    return f->use(f->user, f->pictures[band->light], f->e, f->validity, diag);
+}
+
+static enum ls_err receive(const struct fetch *f, uint32_t request)
+{
+    struct ls_command_context *context = f->take->context;
+    for (bool last = false; !last;) {
+        struct ls_reply reply;
+        enum ls_err err =
+            ls_connection_receive(context->connection, request, &reply, &context->diag);
+        if (!err)
+            err = take_band(f, &reply, &context->diag);
+        if (err == LS_ERR_ABORTED)
+            return ls_fail(&context->diag, err, "interrupted");
+        last = reply.last;
+        ls_reply_finish(&reply);
+        if (err)
+            return err;
+    }
+    return LS_OK;
+}
+
+enum ls_err ls_calibrate_fetch(const struct ls_calibrate_take *take,
+                               const struct ls_calibrate_picture *const *pictures, uint32_t n,
+                               struct ls_calibrate_region region, ls_calibrate_use *use, void *user)
+{
+    size_t px = (size_t)take->document->width * take->document->height;
+    LS_CLEANUP_FREE float *e = calloc(px, sizeof *e);
+    LS_CLEANUP_FREE uint8_t *validity = calloc(px, 1);
+    enum ls_err err = LS_OK;
+    if (!e || !validity)
+        return ls_fail(&take->context->diag, LS_ERR_NOMEM, "out of memory for a picture");
+    for (size_t i = 0; i < px; i++)
+        e[i] = NAN;
+    for (uint32_t at = 0; at < n && !err; at += NAMES_PER_REQUEST) {
+        struct fetch f = {take, pictures + at, n - at, region, e, validity, use, user};
+        uint32_t request = 0;
+        if (f.n > NAMES_PER_REQUEST)
+            f.n = NAMES_PER_REQUEST;
+        err = send_request(&f, &request);
+        if (!err)
+            err = receive(&f, request);
+    }
+    return err;
+}

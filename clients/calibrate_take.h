@@ -1,0 +1,93 @@
+/*
+ * calibrate_take: a calibration take as the client sees it: what its pictures show, and the pictures.
+ * Layer: clients. Threads: the main thread. Ownership: as stated.
+ */
+#ifndef LS_CLIENTS_CALIBRATE_TAKE_H
+#define LS_CLIENTS_CALIBRATE_TAKE_H
+
+#include "clients/command.h"
+#include "clients/take_document.h"
+#include "core/field.h"
+#include "core/pinhole.h"
+#include "core/sphere_outline.h"
+
+#include <stdbool.h>
+#include <stdint.h>
+
+/** A lit picture of the plan. */
+struct ls_calibrate_picture {
+    char id[64];
+    uint32_t channel;      /* of the document */
+    int32_t light;         /* of a single light, else -1 */
+    char pattern[24];      /* of several lights, else "" */
+    double duty;           /* nominal */
+    float *weights;        /* [n_lights] of several: level over the nominal level; else NULL */
+};
+
+struct ls_calibrate_take {
+    struct ls_command_context *context;
+    char id[128];
+    uint32_t camera_row;
+    struct ls_take_document *document;
+    struct ls_pinhole camera;
+    double shortest_s, black, range_high;     /* black and range_high of full scale */
+    char pixel_format[32], cfa[8];
+    double black_dn, full_scale_dn, electrons_per_dn, read_noise_dn, exposure_offset_us, range_low;
+    struct ls_field_noise noise;              /* of a dim pixel in full scale / s */
+    uint32_t n_pictures;
+    struct ls_calibrate_picture *pictures;
+};
+
+/** Ask the daemon for a take. Errors: those of the daemon (LS_ERR_REFUSED), LS_ERR_INVALID naming
+ * the key of take.json. *out: (transfer full). */
+LS_MUST_CHECK enum ls_err ls_calibrate_take_open(struct ls_command_context *context,
+                                                 const char *id, uint32_t camera,
+                                                 struct ls_calibrate_take **out);
+
+/** Parse take.json; the context is for fetching later and may be NULL. */
+LS_MUST_CHECK enum ls_err ls_calibrate_take_parse(struct ls_command_context *context,
+                                                  const char *id, const char *text, size_t n,
+                                                  uint32_t camera, struct ls_calibrate_take **out,
+                                                  struct ls_diag *diag);
+
+/** NULL is allowed. */
+void ls_calibrate_take_close(struct ls_calibrate_take *take);
+
+/** The picture of one light of a channel (@light >= 0) or of a pattern, or NULL. */
+const struct ls_calibrate_picture *ls_calibrate_find(const struct ls_calibrate_take *take,
+                                                     uint32_t channel, int32_t light,
+                                                     const char *pattern);
+
+/** Index of a channel by name, or -1. */
+int ls_calibrate_channel(const struct ls_calibrate_take *take, const char *name);
+
+/** Does the plan have the picture of every light of a channel? */
+bool ls_calibrate_has_all(const struct ls_calibrate_take *take, uint32_t channel);
+
+/** The first channel of kind spectrum, or -1. */
+int ls_calibrate_white(const struct ls_calibrate_take *take);
+
+/** A rectangle of pixels; width 0 = the whole picture. */
+struct ls_calibrate_region {
+    uint32_t x, y, width, height;
+};
+
+/** Around a sphere's outline, clipped at the picture, at even offsets. */
+struct ls_calibrate_region ls_calibrate_around(const struct ls_calibrate_take *take,
+                                               const struct ls_outline *outline);
+
+/**
+ * One picture: @e [height][width] of the whole camera, full scale / s, ungained, NaN outside the
+ * region asked for; @validity: enum ls_validity, OK or SATURATED. Valid during the call.
+ */
+typedef enum ls_err ls_calibrate_use(void *user, const struct ls_calibrate_picture *picture,
+                                     const float *e, const uint8_t *validity,
+                                     struct ls_diag *diag);
+
+/** Fetch pictures in the order given and hand each to @use; its error ends it. */
+LS_MUST_CHECK enum ls_err ls_calibrate_fetch(const struct ls_calibrate_take *take,
+                                             const struct ls_calibrate_picture *const *pictures,
+                                             uint32_t n, struct ls_calibrate_region region,
+                                             ls_calibrate_use *use, void *user);
+
+#endif

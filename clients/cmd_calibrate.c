@@ -1,0 +1,339 @@
+#include "clients/calibrate_grey.h"
+#include "clients/calibrate_probe.h"
+#include "clients/calibrate_result.h"
+#include "clients/calibrate_shoot.h"
+#include "clients/calibrate_take.h"
+#include "clients/command.h"
+#include "clients/region_option.h"
+
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+static const size_t base_bytes = (size_t)256 << 20;
+
+struct options {
+    const char *output, *base;
+    const char *takes[LS_N_OBJECTS]; /* existing ones; NULL = to be made */
+    bool skip[LS_N_OBJECTS];
+    double radius_m, reflectance;
+    uint32_t camera;
+    struct ls_calibrate_shoot shoot;
+};
+
+/* The takes and what they said. */
+struct calibration {
+    struct ls_command_context *context;
+    struct options *options;
+    char ids[LS_N_OBJECTS][128];
+    struct ls_calibrate_take *takes[LS_N_OBJECTS];
+    struct ls_grey *grey;
+    struct ls_chrome chrome;
+    struct ls_gloss gloss;
+    struct ls_calibration *base, *result;
+    struct ls_calibrate_remarks remarks;
+};
+
+/* ---- options ---- */
+
+enum {
+    OUTPUT = 1,
+    BASE,
+    GREY,
+    CHROME,
+    GLOSS,
+    NO_CHROME,
+    NO_GLOSS,
+    RADIUS,
+    REFLECTANCE,
+    CAMERA,
+    SEGMENTS,
+    DARKS,
+    YES,
+    EXPOSURES,
+    GREY_EXPOSURES,
+    CHROME_EXPOSURES,
+    GLOSS_EXPOSURES,
+};
+
+static bool number(const char *text, double low, double high, double *out)
+{
+    char *end;
+    *out = strtod(text, &end);
+    return end != text && !*end && *out >= low && *out <= high;
+}
+
+static bool whole(const char *text, uint32_t low, uint32_t high, uint32_t *out)
+{
+    double value;
+    bool ok = number(text, low, high, &value);
+    *out = ok ? (uint32_t)value : 0;
+    return ok && *out == value;
+}
+
+/* Digits, commas and spaces: the rest is the daemon's to judge. */
+static bool exposures(const char *text, const char **out)
+{
+    *out = text;
+    return text[0] && strlen(text) < 256 && strspn(text, "0123456789, ") == strlen(text);
+}
+
+static int parse_number(struct options *o, int option)
+{
+    if (option == RADIUS && !number(optarg, 0.001, 10, &o->radius_m))
+        return ls_command_wrong("--radius %s: expected metres, 0.001 to 10", optarg);
+    if (option == REFLECTANCE && !number(optarg, 0.01, 1, &o->reflectance))
+        return ls_command_wrong("--reflectance %s: expected 0.01 to 1", optarg);
+    if (option == CAMERA && !ls_camera_option(optarg, &o->camera))
+        return ls_command_wrong("--camera %s: expected the number of a camera, from 0", optarg);
+    if (option == SEGMENTS && !whole(optarg, 0, 4096, &o->shoot.segments))
+        return ls_command_wrong("--segments %s: expected 0 to 4096", optarg);
+    if (option == DARKS && !whole(optarg, 2, 4096, &o->shoot.darks))
+        return ls_command_wrong("--darks %s: expected 2 to 4096", optarg);
+    return LS_EXIT_OK;
+}
+
+static int parse_option(struct options *o, int option)
+{
+    switch (option) {
+    case OUTPUT:
+        o->output = optarg;
+        return LS_EXIT_OK;
+    case BASE:
+        o->base = optarg;
+        return LS_EXIT_OK;
+    case GREY:
+    case CHROME:
+    case GLOSS:
+        o->takes[option - GREY] = optarg;
+        return LS_EXIT_OK;
+    case NO_CHROME:
+        o->skip[LS_OBJECT_CHROME] = true;
+        return LS_EXIT_OK;
+    case NO_GLOSS:
+        o->skip[LS_OBJECT_GLOSS] = true;
+        return LS_EXIT_OK;
+    case YES:
+        o->shoot.yes = true;
+        return LS_EXIT_OK;
+    case EXPOSURES:
+    case GREY_EXPOSURES:
+    case CHROME_EXPOSURES:
+    case GLOSS_EXPOSURES:
+        for (int i = 0; i < LS_N_OBJECTS; i++)
+            if ((option == EXPOSURES || option == GREY_EXPOSURES + i) &&
+                !exposures(optarg, &o->shoot.exposures_us[i]))
+                return ls_command_wrong("%s: expected microseconds, shortest first, e.g. 100,800,6400",
+                                        optarg);
+        return LS_EXIT_OK;
+    default:
+        return option == '?' ? LS_EXIT_USAGE : parse_number(o, option);
+    }
+}
+
+static int parse(struct ls_command_context *context, int argc, char **argv, struct options *o)
+{
+    static const struct option options[] = {
+        {"output", required_argument, NULL, OUTPUT},
+        {"base", required_argument, NULL, BASE},
+        {"grey", required_argument, NULL, GREY},
+        {"chrome", required_argument, NULL, CHROME},
+        {"gloss", required_argument, NULL, GLOSS},
+        {"no-chrome", no_argument, NULL, NO_CHROME},
+        {"no-gloss", no_argument, NULL, NO_GLOSS},
+        {"radius", required_argument, NULL, RADIUS},
+        {"reflectance", required_argument, NULL, REFLECTANCE},
+        {"camera", required_argument, NULL, CAMERA},
+        {"segments", required_argument, NULL, SEGMENTS},
+        {"darks", required_argument, NULL, DARKS},
+        {"yes", no_argument, NULL, YES},
+        {"exposures", required_argument, NULL, EXPOSURES},
+        {"grey-exposures", required_argument, NULL, GREY_EXPOSURES},
+        {"chrome-exposures", required_argument, NULL, CHROME_EXPOSURES},
+        {"gloss-exposures", required_argument, NULL, GLOSS_EXPOSURES},
+        LS_COMMON_OPTIONS};
+    for (int option;
+         (option = ls_command_option(context, &ls_command_calibrate, argc, argv, options)) != -1;) {
+        int code = parse_option(o, option);
+        if (code)
+            return code;
+    }
+    if (!ls_command_arguments(&ls_command_calibrate, argc, 0))
+        return LS_EXIT_USAGE;
+    if (!o->output)
+        return ls_command_wrong("calibrate: --output FILE is needed");
+    if (!o->takes[LS_OBJECT_GREY] && (o->takes[LS_OBJECT_CHROME] || o->takes[LS_OBJECT_GLOSS]))
+        return ls_command_wrong("calibrate: --chrome and --gloss name takes that go with --grey TAKE");
+    return LS_EXIT_OK;
+}
+
+/* ---- steps ---- */
+
+/* What is not what it should be is an answer, not a failure of the program. */
+static int failed(struct calibration *c, enum ls_err err)
+{
+    if (err == LS_ERR_ABORTED)
+        return LS_EXIT_INTERRUPTED;
+    int code = ls_command_failed(c->context, err);
+    bool answer = err == LS_ERR_NOT_FOUND || err == LS_ERR_STATE;
+    return answer ? LS_EXIT_NO : code;
+}
+
+static int shoot(struct calibration *c, enum ls_calibrate_object object, bool polarised)
+{
+    struct options *o = c->options;
+    bool existing = o->takes[LS_OBJECT_GREY] != NULL;
+    if (o->skip[object] || (existing && !o->takes[object]) ||
+        (object == LS_OBJECT_GLOSS && !polarised))
+        return LS_EXIT_OK;
+    if (existing)
+        snprintf(c->ids[object], sizeof c->ids[object], "%s", o->takes[object]);
+    else {
+        int code = ls_calibrate_shoot(c->context, &o->shoot, object, c->ids[object]);
+        if (code)
+            return code;
+    }
+    enum ls_err err = ls_calibrate_take_open(c->context, c->ids[object], o->camera, &c->takes[object]);
+    return err ? failed(c, err) : LS_EXIT_OK;
+}
+
+static enum ls_err same_camera(const struct calibration *c, enum ls_calibrate_object object)
+{
+    const struct ls_take_document *a = c->takes[LS_OBJECT_GREY]->document;
+    const struct ls_take_document *b = c->takes[object]->document;
+    if (a->n_lights == b->n_lights && a->n_channels == b->n_channels && a->width == b->width &&
+        a->height == b->height)
+        return LS_OK;
+    return ls_fail(&c->context->diag, LS_ERR_MISMATCH,
+                   "takes %s and %s are of different rigs or cameras", c->ids[LS_OBJECT_GREY],
+                   c->ids[object]);
+}
+
+static int measure(struct calibration *c, enum ls_calibrate_object object)
+{
+    const struct ls_calibrate_take *take = c->takes[object];
+    const struct options *o = c->options;
+    if (!take)
+        return LS_EXIT_OK;
+    fprintf(stderr, "measuring %s\n", c->ids[object]);
+    enum ls_err err = same_camera(c, object);
+    if (!err && object == LS_OBJECT_GREY)
+        err = ls_calibrate_grey(take, o->radius_m, o->reflectance, &c->grey);
+    if (!err && object == LS_OBJECT_CHROME)
+        err = ls_calibrate_chrome(take, c->grey, o->reflectance, &c->chrome);
+    if (!err && object == LS_OBJECT_GLOSS)
+        err = ls_calibrate_gloss(take, c->grey, &c->gloss);
+    return err ? failed(c, err) : LS_EXIT_OK;
+}
+
+static bool has_polarisers(const struct ls_take_document *d)
+{
+    uint32_t n = 0;
+    for (uint32_t i = 0; i < d->n_channels; i++)
+        n += !d->channels[i].spectrum;
+    return n == 2;
+}
+
+/* Each is measured as soon as it has been photographed: who put the wrong object there hears of it
+ * before the next. */
+static int run_objects(struct calibration *c)
+{
+    bool polarised = true;
+    int code = LS_EXIT_OK;
+    for (int i = 0; i < LS_N_OBJECTS && !code; i++) {
+        code = shoot(c, (enum ls_calibrate_object)i, polarised);
+        if (!code)
+            code = measure(c, (enum ls_calibrate_object)i);
+        if (!code && i == LS_OBJECT_GREY)
+            polarised = has_polarisers(c->takes[i]->document);
+    }
+    return code;
+}
+
+/* ---- the end ---- */
+
+static int read_base(struct calibration *c)
+{
+    const char *path = c->options->base;
+    LS_CLEANUP_FREE char *text = NULL;
+    struct ls_diag inner = {0};
+    size_t n = 0;
+    if (!path)
+        return LS_EXIT_OK;
+    enum ls_err err = ls_command_read_file(path, base_bytes, &text, &n, &c->context->diag);
+    if (!err && ls_calibration_parse(text, n, &c->base, &inner))
+        err = ls_fail(&c->context->diag, LS_ERR_INVALID, "%.200s: %.300s", path, inner.text);
+    return err ? ls_command_failed(c->context, err) : LS_EXIT_OK;
+}
+
+static int conclude(struct calibration *c)
+{
+    const struct ls_calibrate_measured measured = {
+        .grey_take = c->takes[LS_OBJECT_GREY],
+        .chrome_take = c->takes[LS_OBJECT_CHROME],
+        .gloss_take = c->takes[LS_OBJECT_GLOSS],
+        .grey = c->grey,
+        .chrome = c->takes[LS_OBJECT_CHROME] ? &c->chrome : NULL,
+        .gloss = c->takes[LS_OBJECT_GLOSS] ? &c->gloss : NULL,
+    };
+    const struct ls_calibration *base =
+        c->base ? c->base : c->takes[LS_OBJECT_GREY]->document->calibration;
+    struct ls_diag *diag = &c->context->diag;
+    LS_CLEANUP_FREE char *text = NULL;
+    enum ls_err err = ls_calibrate_result(&measured, base, &c->result, &c->remarks, diag);
+    if (!err)
+        err = ls_calibration_write(c->result, &text, diag);
+    if (!err)
+        err = ls_command_write_file(c->options->output, text, strlen(text), diag);
+    if (err)
+        return failed(c, err);
+    if (c->context->json)
+        ls_command_print_json(ls_calibrate_json(c->result, &c->remarks, c->options->output));
+    else
+        ls_calibrate_print(c->result, &c->remarks);
+    return LS_EXIT_OK;
+}
+
+static void finish(struct calibration *c)
+{
+    for (int i = 0; i < LS_N_OBJECTS; i++)
+        ls_calibrate_take_close(c->takes[i]);
+    ls_grey_destroy(c->grey);
+    ls_gloss_finish(&c->gloss);
+    ls_calibration_destroy(c->base);
+    ls_calibration_destroy(c->result);
+}
+
+static int run(struct ls_command_context *context, int argc, char **argv)
+{
+    static const char usual[] = "100, 800, 6400";
+    struct options options = {.radius_m = 0.1,
+                              .reflectance = 0.33,
+                              .shoot = {{usual, usual, usual}, .darks = 16, .segments = 14}};
+    struct calibration c = {.context = context, .options = &options};
+    int code = parse(context, argc, argv, &options);
+    if (!code)
+        code = read_base(&c);
+    if (!code)
+        code = ls_command_connect(context);
+    context->quiet = true;
+    if (!code)
+        code = run_objects(&c);
+    if (!code)
+        code = conclude(&c);
+    finish(&c);
+    return code;
+}
+
+const struct ls_command ls_command_calibrate = {
+    "calibrate", "Measure the lights on a grey sphere, a chrome ball and a black glossy sphere",
+    "--output FILE [--base FILE] [--radius M] [--reflectance R] [--camera N]\n"
+    "         [--exposures US,US,...] [--grey-exposures ...] [--chrome-exposures ...]\n"
+    "         [--gloss-exposures ...] [--darks N] [--segments G] [--no-chrome] [--no-gloss]\n"
+    "         [--yes] [--json]\n"
+    "   or: --output FILE --grey TAKE [--chrome TAKE] [--gloss TAKE] [--base FILE] ...\n"
+    "\n"
+    "Asks for each object in turn, photographs and measures it; --yes goes on without asking.\n"
+    "With --grey it measures takes that exist. Camera constants, spectra, chart and camera matrix\n"
+    "cannot be measured so: they come from --base, else from the calibration in the grey take.",
+    run};
