@@ -1,9 +1,10 @@
 #!/usr/bin/python3 -B
 """Photograph, promote, relight and judge a still life on a simulated dome.
 
-usage: sim/demo [--size N] [--keep] [--json FILE]
+usage: sim/demo [--size N] [--calibrate] [--keep] [--json FILE]
 
   --size N     camera of N x N pixels (default 512)
+  --calibrate  measure the calibration first, on a grey, a chrome and a black glossy sphere
   --keep       keep the folder with the take, the pictures and the logs, and print its name
   --json FILE  write the numbers as JSON
 
@@ -22,7 +23,9 @@ import sys
 import tempfile
 import time
 
+import calibrate
 import rig as stage
+from rig import say
 
 BUILD = os.environ.get("LS_BUILD_ROOT") or os.path.join(stage.ROOT, "build")
 PROGRAMS = ["sim/lightstage-sim", "daemon/lightstaged", "clients/lightstagectl",
@@ -44,10 +47,6 @@ highlight_rms_percent relight_error_percent tristimulus_error_percent paper_mse_
 paper_mse_fabric_percent paper_rms_percent black_mean_sigma relight_seconds""".split()
 
 
-def say(text):
-    print(f"== {text}", flush=True)
-
-
 def build():
     say("building")
     if not os.path.exists(os.path.join(BUILD, "build.ninja")):
@@ -62,6 +61,14 @@ def relight(rig, take, name, *options):
     return time.monotonic() - began
 
 
+def holds_calibration(r):
+    return [
+        ("gains are within 0.5 % (rms)", r["k_error_percent"] <= 0.5),
+        ("directions are within 0.5 degrees (rms)", r["direction_error_deg"] <= 0.5),
+        ("droop factors are within 0.5 %", r["droop_error_percent"] <= 0.5),
+    ] if "k_error_percent" in r else []
+
+
 def holds(result):
     """What must be true, as (sentence, is it); a number that could not be had makes nothing true."""
     r = {key: math.nan if value is None else value for key, value in result.items()}
@@ -73,7 +80,7 @@ def holds(result):
         ("relighting beats the tristimulus baseline",
          r["relight_error_percent"] < r["tristimulus_error_percent"]),
         ("black is black: within 3 sigma", abs(r["black_mean_sigma"]) <= 3),
-    ]
+    ] + holds_calibration(r)
 
 
 def table(result):
@@ -85,8 +92,13 @@ def table(result):
         print(f"  {key:32} {value}")
 
 
-def demo(folder, size):
-    rig = stage.Rig(BUILD, folder, size)
+def demo(folder, size, measure):
+    options, numbers = {}, {}
+    if measure:
+        say("calibrating: a grey, a chrome and a black glossy sphere under every light")
+        options["calibration"], numbers = calibrate.run(BUILD, os.path.join(folder, "calibration"),
+                                                        size)
+    rig = stage.Rig(BUILD, folder, size, **options)
     say(f"starting the simulated dome, its camera at {rig.camera}, and the daemon")
     try:
         rig.start()
@@ -107,12 +119,14 @@ def demo(folder, size):
                        "--tristimulus", rig.path("tristimulus.exr"),
                        "--sheet", rig.path("contact-sheet.png"))
     result["relight_seconds"] = relight_seconds
-    return {key: result[key] for key in KEYS}
+    result["calibration"] = "measured" if measure else result["calibration"]
+    return {**{key: result[key] for key in KEYS}, **numbers}
 
 
 def parse():
     parser = argparse.ArgumentParser(usage=__doc__.split("usage: ")[1].split("\n")[0])
     parser.add_argument("--size", type=int, default=512)
+    parser.add_argument("--calibrate", action="store_true")
     parser.add_argument("--keep", action="store_true")
     parser.add_argument("--json")
     options = parser.parse_args()
@@ -130,7 +144,7 @@ def main():
     folder = tempfile.mkdtemp(prefix="lightstage-")
     try:
         build()
-        result = demo(folder, options.size)
+        result = demo(folder, options.size, options.calibrate)
         wrong = [sentence for sentence, true in holds(result) if not true]
         result["verdict"] = "failed" if wrong else "ok"
         table(result)

@@ -42,6 +42,10 @@ def write(path, text):
         file.write(text)
 
 
+def say(text):
+    print(f"== {text}", flush=True)
+
+
 def read(path):
     with open(path, encoding="utf-8", errors="replace") as file:
         return file.read()
@@ -93,7 +97,8 @@ class Process:
 
 class Rig:
     """One simulated stage. The *_extra texts are appended to the configuration they name; size is
-    in pixels, one number or (width, height); positions is (file, axes, unit) as the daemon reads
+    in pixels, one number or (width, height); region is the middle part of it that the daemon's
+    camera reads out, the whole by default; positions is (file, axes, unit) as the daemon reads
     them, the simulator's own by default.
     """
 
@@ -101,24 +106,44 @@ class Rig:
                  scene_extra="", camera_extra="", simulator_extra="", daemon_extra="",
                  rig_camera_extra="", cfa="RG", pixel_format="BayerRG12", calibrated=True,
                  packet_size=9000, timeout_ms=2000, focal_mm=25,
-                 positions=("positions.csv", "right,up,towards", "m")):
+                 positions=("positions.csv", "right,up,towards", "m"), region=None,
+                 calibration="calibration.json"):
         self.build, self.folder = build, folder
         self.width, self.height = (size, size) if isinstance(size, int) else size
         self.channels, self.pixel_format = channels, pixel_format
         self.focal_mm, self.positions = focal_mm, positions
         self.daemon_extra, self.rig_camera_extra = daemon_extra, rig_camera_extra
+        self.calibration = calibration
         self.calibrated, self.packet_size, self.timeout_ms = calibrated, packet_size, timeout_ms
-        self.max_fps = min(MAX_FPS, READOUT_PX_PER_S / (self.width * self.height))
+        self.region = region or (self.width, self.height)
+        self.max_fps = min(MAX_FPS, READOUT_PX_PER_S / (self.region[0] * self.region[1]))
         self.camera = loopback()
         self.dome = self.daemon = None
+        self.scene = (scene, scene_extra, cfa, camera_extra, simulator_extra)
+        self.write_simulator()
+        self.simulator("describe", "--pixel-format", pixel_format, "--output", folder)
+
+    def write_simulator(self, port=""):
+        scene, scene_extra, cfa, camera_extra, simulator_extra = self.scene
         write(self.path("sim.conf"), f"""
 scene = {{ scene = "{scene}"; {scene_extra} }};
 cameras = ( {{ address = "{self.camera}"; width = {self.width}; height = {self.height};
-               cfa = "{cfa}"; focal_length_mm = {float(focal_mm)}; {camera_extra} }} );
+               cfa = "{cfa}"; focal_length_mm = {float(self.focal_mm)}; {camera_extra} }} );
 log = "shown.jsonl";
+{port}
 {simulator_extra}
 """)
-        self.simulator("describe", "--pixel-format", pixel_format, "--output", folder)
+
+    def place(self, scene):
+        """Another object on the stage: the same dome and cameras at the same addresses."""
+        port = self.dome.ready["modbus_port"]
+        wrong = self.dome.stop()
+        self.dome = None
+        if wrong:
+            raise Failed(wrong)
+        self.scene = (scene, *self.scene[1:])
+        self.write_simulator(f"controller = {{ port = {port}; }};")
+        self.start_simulator()
 
     def path(self, name):
         return os.path.join(self.folder, name)
@@ -152,7 +177,7 @@ log = "shown.jsonl";
 
     def write_configuration(self):
         constants = json.loads(read(self.path("calibration.json")))["camera"]
-        calibration = 'calibration = "calibration.json";' if self.calibrated else ""
+        calibration = f'calibration = "{self.calibration}";' if self.calibrated else ""
         write(self.path("daemon.conf"), f"""
 storage = "takes";
 socket = "socket";
@@ -163,7 +188,9 @@ controller = {{ driver = "modbus"; address = "127.0.0.1"; port = {self.dome.read
 {self.daemon_extra}
 """)
         file, axes, unit = self.positions
-        sensor_height = SENSOR_MM * self.height / self.width
+        width, height = self.region
+        offset_x, offset_y = (self.width - width) // 2, (self.height - height) // 2
+        sensor = SENSOR_MM / self.width  # mm of a pixel
         channels = ", ".join('{ name = "%s"; kind = "%s"; }' %
                              (c, "polariser" if c in "VH" else "spectrum") for c in self.channels)
         write(self.path("rig.conf"), f"""
@@ -171,11 +198,11 @@ name = "simulated dome";
 lights = {{ positions = "{file}"; axes = "{axes}"; unit = "{unit}"; }};
 channels = ( {channels} );
 cameras = ( {{ name = "front"; address = "{self.camera}";
-    width = {self.width}; height = {self.height};
+    width = {width}; height = {height}; offset_x = {offset_x}; offset_y = {offset_y};
     pixel_format = "{self.pixel_format}"; packet_size = {self.packet_size};
     max_fps = {self.max_fps:.2f};
     position_m = [0.0, 0.0, 1.6]; look_at_m = [0.0, 0.0, 0.0]; focal_length_mm = {self.focal_mm};
-    sensor_mm = [{SENSOR_MM}, {sensor_height}]; range = [0.10, 0.85];
+    sensor_mm = [{sensor * width}, {sensor * height}]; range = [0.10, 0.85];
     black_dn = {constants['black_dn']}; full_scale_dn = {constants['full_scale_dn']};
     electrons_per_dn = {constants['electrons_per_dn']};
     read_noise_dn = {constants['read_noise_dn']};

@@ -51,6 +51,26 @@ def test_the_demo_says_ok_and_leaves_nothing_behind(folder):
     assert not left_behind(folder), left_behind(folder)
 
 
+CALIBRATION_KEYS = ["calibrate_seconds", "k_lights", "k_error_percent", "k_worst_percent",
+                    "k_within_sigma_percent", "direction_error_deg",
+                    "chrome_direction_error_deg", "droop_error_percent", "p_error_percent",
+                    "scale_error_percent", "mirror_reflectivity", "polarisation_error",
+                    "polarisation_lights"]
+
+
+def test_the_demo_measures_its_own_calibration(folder):
+    if "LS_TEST_FULL" not in os.environ:
+        raise harness.Skip("two minutes; LS_TEST_FULL runs it, and test_calibrate what it is made of")
+    numbers = os.path.join(folder, "numbers.json")
+    done = demo(folder, "--size", "128", "--calibrate", "--json", numbers)
+    assert done.returncode == 0, done.stdout + done.stderr
+    with open(numbers, encoding="utf-8") as file:
+        result = json.load(file)
+    assert sorted(result) == sorted(KEYS + CALIBRATION_KEYS), sorted(result)
+    assert result["calibration"] == "measured", result
+    assert not left_behind(folder), left_behind(folder)
+
+
 def test_the_demo_refuses_what_it_does_not_know(folder):
     for arguments in (["--size", "63"], ["--size", "many"], ["--sise", "512"]):
         done = demo(folder, *arguments)
