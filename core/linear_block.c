@@ -26,17 +26,18 @@ static double mean(const double *v, uint32_t n)
 }
 
 /* out[k][j] = picture[j][k]; brightness[j] = their mean, variance[j] that of one of them */
-static void load(const float *picture, uint32_t channels, uint32_t n,
-                 const struct ls_linear_noise *noise, double (*out)[N], double *restrict brightness,
-                 double *restrict variance)
+static inline void load_of(const float *restrict picture, uint32_t channels, uint32_t n,
+                           const struct ls_linear_noise *noise, double (*restrict out)[N],
+                           double *restrict brightness, double *restrict variance)
 {
     double share = 1.0 / channels;
     memset(brightness, 0, N * sizeof *brightness);
     memset(variance, 0, N * sizeof *variance);
+    for (uint32_t j = 0; j < n; j++)
+        for (uint32_t k = 0; k < channels; k++)
+            out[k][j] = (double)picture[j * channels + k];
     for (uint32_t k = 0; k < channels; k++) {
         double *restrict x = out[k];
-        for (uint32_t j = 0; j < n; j++)
-            x[j] = (double)picture[j * channels + k];
         for (uint32_t j = n; j < N; j++)
             x[j] = 0;
         for (uint32_t j = 0; j < N; j++) {
@@ -44,6 +45,16 @@ static void load(const float *picture, uint32_t channels, uint32_t n,
             variance[j] += share * (noise->floor + noise->shot * (x[j] > 0 ? x[j] : 0));
         }
     }
+}
+
+static void load(const float *picture, uint32_t channels, uint32_t n,
+                 const struct ls_linear_noise *noise, double (*out)[N], double *brightness,
+                 double *variance)
+{
+    if (channels == 3) /* known to the compiler */
+        load_of(picture, 3, n, noise, out, brightness, variance);
+    else
+        load_of(picture, channels, n, noise, out, brightness, variance);
 }
 
 void ls_linear_block_row(const struct ls_linear_pictures *pictures,

@@ -8,6 +8,7 @@
 
 enum { F, V, VARIANCE, PLANES };
 enum { SMALL_PX = 2, LARGE_PX = LS_RATIO_HALO_PX };
+enum { CONTRAST_PX = 128 };                         /* of a row at a time */
 static const double trust_from = 4, trust_all = 10; /* sigma */
 static const double departure = 8;
 static const float demosaic_sigma = 0.05f; /* of the range of V around a sample */
@@ -40,33 +41,58 @@ void ls_promote_sigma(const struct ls_field *field, const float *row, size_t n_r
             (float)sqrt(floor_variance + field->noise.shot * largest * fmax((double)v[j], 0));
 }
 
-/* largest and smallest of v along a line of 2 LS_CONTRAST_HALO_PX + 1 samples @step apart */
-static void range_of(const float *v, size_t step, uint32_t at, uint32_t end, float *low,
-                     float *high)
+/* Largest and smallest of v over the rows [top, end) at one sample of each of @n pixels. */
+static void range_down(const float *v, size_t row, uint32_t channels, uint32_t top, uint32_t end,
+                       uint32_t n, float *restrict low, float *restrict high)
 {
-    uint32_t first = at > LS_CONTRAST_HALO_PX ? at - LS_CONTRAST_HALO_PX : 0;
-    uint32_t last = end - 1 - at < LS_CONTRAST_HALO_PX ? end - 1 : at + LS_CONTRAST_HALO_PX;
-    for (uint32_t j = first; j <= last; j++) {
-        float value = v[(size_t)j * step];
-        *low = value < *low ? value : *low;
-        *high = value > *high ? value : *high;
+    for (uint32_t x = 0; x < n; x++) {
+        low[x] = INFINITY;
+        high[x] = -INFINITY;
+    }
+    for (uint32_t y = top; y < end; y++) {
+        const float *from = v + y * row;
+        for (uint32_t x = 0; x < n; x++) {
+            float value = from[(size_t)x * channels];
+            low[x] = value < low[x] ? value : low[x];
+            high[x] = value > high[x] ? value : high[x];
+        }
+    }
+}
+
+/* Pixels [x, x + n) of a row of one channel; @v at its first sample. */
+static void add_range(const float *v, uint32_t width, uint32_t channels, uint32_t y, uint32_t top,
+                      uint32_t end, uint32_t x, uint32_t n, float *sigma)
+{
+    enum { HALO = LS_CONTRAST_HALO_PX };
+    float low[CONTRAST_PX + 2 * HALO], high[CONTRAST_PX + 2 * HALO];
+    size_t row = (size_t)width * channels;
+    uint32_t first = x > HALO ? x - HALO : 0;
+    uint32_t last = width - (x + n) > HALO ? x + n + HALO : width;
+    range_down(v + (size_t)first * channels, row, channels, top, end, last - first, low, high);
+    for (uint32_t k = x; k < x + n; k++) {
+        size_t at = y * row + (size_t)k * channels;
+        float least = v[at], most = v[at];
+        uint32_t from = k > HALO ? k - HALO : 0, to = width - 1 - k < HALO ? width - 1 : k + HALO;
+        for (uint32_t j = from - first; j <= to - first; j++) {
+            least = low[j] < least ? low[j] : least;
+            most = high[j] > most ? high[j] : most;
+        }
+        double step = (double)(demosaic_sigma * (most - least)), own = (double)sigma[at];
+        sigma[at] = (float)sqrt(own * own + step * step);
     }
 }
 
 void ls_promote_add_contrast(const float *v, uint32_t width, uint32_t height, uint32_t channels,
                              float *sigma)
 {
-    size_t row = (size_t)width * channels;
     for (uint32_t y = 0; y < height; y++) {
         uint32_t top = y > LS_CONTRAST_HALO_PX ? y - LS_CONTRAST_HALO_PX : 0;
         uint32_t end = height - 1 - y < LS_CONTRAST_HALO_PX ? height : y + LS_CONTRAST_HALO_PX + 1;
-        for (size_t j = 0; j < row; j++) {
-            float low = v[y * row + j], high = low;
-            for (uint32_t k = top; k < end; k++)
-                range_of(v + k * row + j % channels, channels, (uint32_t)(j / channels), width,
-                         &low, &high);
-            sigma[y * row + j] = hypotf(sigma[y * row + j], demosaic_sigma * (high - low));
-        }
+        for (uint32_t c = 0; c < channels; c++)
+            for (uint32_t x = 0; x < width; x += CONTRAST_PX) {
+                uint32_t n = width - x < CONTRAST_PX ? width - x : CONTRAST_PX;
+                add_range(v + c, width, channels, y, top, end, x, n, sigma + c);
+            }
     }
 }
 
