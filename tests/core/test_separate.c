@@ -197,7 +197,7 @@ static void test_no_highlight(void)
     g_free(h);
 }
 
-/* A Gaussian highlight of known a on a matte ball, 2000 times: the standard error is honest. */
+/* A Gaussian highlight of known a on a matte ball, 400 times: the standard error is honest. */
 static void test_honest(void)
 {
     enum { SIDE = 40, TRIES = 400 };
