@@ -224,6 +224,51 @@ static int ask(struct ls_command_context *context, const char *take, const struc
     return err ? ls_command_failed(context, err) : LS_EXIT_OK;
 }
 
+/* One channel of the picture from camera RGB: a row of M. */
+static enum ls_err place_target(const double row[3], int target, const struct ls_image *raw,
+                                struct ls_image *out, struct ls_diag *diag)
+{
+    enum ls_err err = LS_OK;
+    if (!out->pixels)
+        err = ls_image_init(out, raw->width, raw->height, 3, (size_t)4 << 30, diag);
+    for (size_t i = 0; !err && i < (size_t)out->width * out->height; i++) {
+        const float *v = raw->pixels + 3 * i;
+        out->pixels[3 * i + (size_t)target] =
+            (float)(row[0] * (double)v[0] + row[1] * (double)v[1] + row[2] * (double)v[2]);
+    }
+    return err;
+}
+
+/* Per-target strengths after M: out_t = M_t . (field weighted with the strengths of t). */
+static int ask_by_target(struct ls_command_context *context,
+                         const struct ls_take_document *document, const struct options *options,
+                         const struct ls_light_weights *weights, struct result *result)
+{
+    struct ls_image picture = {0};
+    double bound = 0, seconds = 0;
+    enum ls_err err = LS_OK;
+    for (int t = 0; !err && t < 3; t++) {
+        const double *row = document->calibration->m[t];
+        struct ls_light_weights one = *weights;
+        one.n_rows = weights->n_names;
+        one.rows += (size_t)t * weights->n_names * weights->n_lights;
+        ls_image_finish(&result->image);
+        int code = ask(context, document->id, options, &one, result);
+        if (code) {
+            ls_image_finish(&picture);
+            return code;
+        }
+        bound = fmax(bound, result->bound * (fabs(row[0]) + fabs(row[1]) + fabs(row[2])));
+        seconds += result->seconds;
+        err = place_target(row, t, &result->image, &picture, &context->diag);
+    }
+    ls_image_finish(&result->image);
+    result->image = picture;
+    result->bound = bound;
+    result->seconds = seconds;
+    return err ? ls_command_failed(context, err) : LS_EXIT_OK;
+}
+
 /* ---- writing ---- */
 
 static void apply_m(const struct ls_take_document *document, const struct ls_image *in,
@@ -366,7 +411,8 @@ static int relight(struct ls_command_context *context, const struct options *opt
     enum ls_err err = make_weights(options, document, &weights, &context->diag);
     if (err)
         return ls_command_failed(context, err);
-    int code = ask(context, document->id, options, &weights, &result);
+    int code = weights.by_target ? ask_by_target(context, document, options, &weights, &result)
+                                 : ask(context, document->id, options, &weights, &result);
     if (code == LS_EXIT_OK) {
         err = write_pictures(options, document, &weights, &result, &context->diag);
         if (err)

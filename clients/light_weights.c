@@ -183,7 +183,6 @@ static enum ls_err choose_channels(struct solver *solver, struct ls_light_weight
 static void choose_solve(const struct solver *solver, struct ls_lighting *lighting)
 {
     const struct ls_light_options *options = solver->options;
-    bool mono = solver->n_colours == 1;
     ls_lighting_defaults(lighting);
     if (options->solve == LS_LIGHT_SHARED)
         lighting->mode = LS_SOLVE_SHARED;
@@ -197,9 +196,6 @@ static void choose_solve(const struct solver *solver, struct ls_lighting *lighti
         lighting->method = LS_SOLVE_LEAST_SQUARES;
     if (lighting->method == LS_SOLVE_LEAST_SQUARES)
         lighting->tikhonov = 1e-3;
-    /* the daemon weights each camera channel before anything mixes them */
-    if (!mono && lighting->mode == LS_SOLVE_PER_TARGET)
-        lighting->m = NULL;
 }
 
 static enum ls_err read_chart(struct solver *solver, struct ls_light_weights *weights,
@@ -238,8 +234,12 @@ static enum ls_err factor_chart(struct solver *solver, struct ls_light_weights *
         return ls_fail(diag, LS_ERR_UNSUPPORTED,
                        "--solve shared: one set of strengths makes no colours of a monochrome "
                        "camera; use --solve per-target");
-    weights->mode = lighting.mode == LS_SOLVE_SHARED ? LIGHTSTAGE__WEIGHT_MODE__SHARED
-                                                     : LIGHTSTAGE__WEIGHT_MODE__PER_TARGET;
+    /* the daemon weights each camera channel before anything mixes them */
+    weights->by_target = lighting.mode == LS_SOLVE_PER_TARGET &&
+                         ls_lighting_space(&lighting) == LS_SOLVE_AFTER_M;
+    weights->mode = lighting.mode == LS_SOLVE_SHARED || weights->by_target
+                        ? LIGHTSTAGE__WEIGHT_MODE__SHARED
+                        : LIGHTSTAGE__WEIGHT_MODE__PER_TARGET;
     return ls_lighting_solver_create(&lighting, 3, &solver->lighting, diag);
 }
 
@@ -361,7 +361,7 @@ static enum ls_err make_spectral(struct solver *solver, struct ls_light_weights 
         err = factor_chart(solver, out, diag);
     if (!err)
         err = solve_all(solver, out, diag);
-    out->after_m = solver->n_colours == 1;
+    out->after_m = solver->n_colours == 1 || out->by_target;
     return err;
 }
 

@@ -25,7 +25,7 @@ enum ls_light_solve {
     LS_LIGHT_SPECTRAL, /* as the camera suggests: colour shared, mono per target */
     LS_LIGHT_TRISTIMULUS,
     LS_LIGHT_SHARED,     /* one set of strengths for all output channels */
-    LS_LIGHT_PER_TARGET, /* one set for each; a colour camera's are fitted in camera-raw */
+    LS_LIGHT_PER_TARGET, /* one set for each */
 };
 
 enum ls_light_method { LS_LIGHT_METHOD_DEFAULT, LS_LIGHT_METHOD_NNLS, LS_LIGHT_METHOD_LEAST_SQUARES };
@@ -49,7 +49,10 @@ struct ls_light_weights {
     char *names[LS_DOCUMENT_CHANNELS]; /* point into the document */
     uint32_t n_rows, n_lights;
     float *rows;         /* [n_rows][n_lights], radiance x sr */
-    bool after_m;        /* the picture is Rec. 709 already (mono), M is not to be applied */
+    bool after_m;        /* the picture is Rec. 709 already, M is not to be applied */
+    bool by_target;      /* strengths of a colour camera per target after M: rows [3][n_names], each
+                            target a shared relight of its own whose picture a row of M makes one
+                            channel of */
     bool solved;         /* the following are set */
     struct ls_lighting_solution solution; /* the worst over the lights that matter; its space */
     double residual;     /* of all lights together, relative */

@@ -367,7 +367,7 @@ static void words_of_the_command_line_are_understood(void)
     g_assert_false(ls_light_cells_option("cubic", &smooth));
 }
 
-/* Every way of solving finds the LED that the light is of; per-target fits camera channels alone. */
+/* Every way of solving finds the LED that the light is of; per-target fits one channel at a time. */
 static void every_solve_and_method_finds_the_led(void)
 {
     struct ls_take_document *document = a_document(true);
@@ -384,8 +384,8 @@ static void every_solve_and_method_finds_the_led(void)
         g_assert_cmpstr(diag.text, ==, "");
         g_assert_cmpint(err, ==, LS_OK);
         g_assert_cmpuint(weights.n_rows, ==, k & 1 ? 6 : 2);
-        g_assert_cmpint(weights.solution.space, ==,
-                        k & 1 ? LS_SOLVE_CAMERA_RAW : LS_SOLVE_AFTER_M);
+        g_assert_cmpint(weights.solution.space, ==, LS_SOLVE_AFTER_M);
+        g_assert_cmpint(weights.by_target, ==, k & 1);
         double red = 0, all = 0;
         for (uint32_t r = 0; r < weights.n_rows; r++)
             for (uint32_t i = 0; i < weights.n_lights; i++) {
