@@ -363,6 +363,9 @@ static enum ls_err solve_all(struct work *w, double reflectance)
     for (uint32_t c = 0; c < grey->n_channels; c++)
         if (c != w->white)
             order[n++] = c;
+    double chi2;
+    ls_shading_settle(grey->shading, grey->n_lights * grey->n_channels, &chi2,
+                      &grey->misplaced_deg);
     for (uint32_t k = 0; k < n && !err; k++)
         err = solve(w, order[k]);
     for (uint32_t k = 0; k < n && !err; k++)

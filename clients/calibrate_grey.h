@@ -33,6 +33,7 @@ struct ls_grey {
     double *numbers;            /* behind the pointers of gains */
     uint8_t *flags;             /* [light], of all channels together */
     struct ls_shading *shading; /* [light * n_channels + channel] */
+    double misplaced_deg;       /* by which the lights stand beside the rig file's places */
     double misfit, rejected;    /* middle of the well-lit white pictures */
     double saturated;           /* share of the sphere's white pixels */
     double scale;

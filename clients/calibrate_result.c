@@ -271,6 +271,7 @@ static void put_grey(struct residuals *r, const struct ls_grey *grey,
     put(r, 100 * grey->misfit, "%", "shading, rms of the middle light");
     put(r, 100 * grey->rejected, "%", "pixels off the shading");
     put(r, 100 * grey->saturated, "%", "pixels saturated");
+    put(r, grey->misplaced_deg, "deg", "lights beside their places");
     if (grey->misfit > good_misfit)
         remark(remarks, "the sphere's shading is %.1f %% off: is it clean, matte, and well in the "
                         "middle?", 100 * grey->misfit);
