@@ -361,7 +361,7 @@ enum model { LINEAR, BLEND };
 struct study {
     const struct world *world;
     struct camera camera, quiet;
-    float *noisy[SPECTRA], *clean[SPECTRA];
+    float *noisy[SPECTRA], *clean[SPECTRA]; /* noisy: NULL where nobody photographs it */
     struct tally tally;
 };
 
@@ -374,7 +374,8 @@ static void set_up(struct study *x, const struct world *w, bool noise, bool mosa
                         .tally = {w, g_new0(float, pixels)}};
     for (int s = 0; s < SPECTRA; s++) {
         x->clean[s] = take_field(w, &x->quiet, s);
-        x->noisy[s] = take_field(w, &x->camera, s);
+        if (s == 0 || w->colours == 1) /* what is photographed per light */
+            x->noisy[s] = take_field(w, &x->camera, s);
     }
     for (uint32_t k = 0; k < LIGHTS; k++)
         for (size_t i = 0; i < pixels; i++)
