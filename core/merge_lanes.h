@@ -60,34 +60,10 @@ LANES_INLINE floats weigh(const struct model_lanes *c, floats sum, floats norm, 
 /* What merging a group of lanes gives. */
 struct merged {
     floats e, variance; /* full scale / s; before its scale */
-    ints validity;
+    floats stored;      /* e @reference exposure */
+    bool plain;         /* every lane is in range, and within half's */
+    ints validity;      /* unless plain */
 };
-
-/* What is left where no exposure is in range: the longest that is not high, or the shortest. */
-LANES_INLINE void fall_back(const struct ls_merge_model *m, const struct model_lanes *c,
-                            const floats y[EXPOSURES], const floats expected[EXPOSURES],
-                            const ints live[EXPOSURES], uint32_t n, ints any_in, bool variance,
-                            floats *sum, floats *norm, struct merged *out)
-{
-    floats y_back = y[0], t_back = c->t[0];
-    ints any_high = {0}, any_low = {0};
-
-    LANES_UNROLL for (uint32_t i = 0; i < n; i++)
-    {
-        ints high = ~live[i] | (expected[i] > c->high);
-        any_high |= high;
-        any_low |= ~high;
-        y_back = lanes_select(high, y_back, y[i]);
-        t_back = lanes_select(high, t_back, c->t[i]);
-    }
-    out->validity = ~any_in & ((any_high & 1) | (any_low & 2));
-    if (variance) {
-        floats back = (m->noise + c->shot * lanes_positive(y_back)) / t_back / t_back;
-        out->variance = lanes_select(any_in, out->variance, back);
-    }
-    *sum = lanes_select(any_in, *sum, y_back);
-    *norm = lanes_select(any_in, *norm, t_back);
-}
 
 /* Samples minus darks of a group of lanes, and which of them are not clipped. */
 struct samples {
@@ -130,13 +106,44 @@ LANES_INLINE floats pool(const struct model_lanes *c, const struct samples *s, u
     return sum / norm;
 }
 
-/* Steps 3 and 4. */
+/* What is left where no exposure is in range: the longest that is not high, or the shortest. */
+LANES_INLINE void fall_back(const struct ls_merge_model *m, const struct model_lanes *c,
+                            const struct samples *s, const floats expected[EXPOSURES], uint32_t n,
+                            bool variance, floats *sum, floats *norm, struct merged *out)
+{
+    floats y_back = s->y[0], t_back = c->t[0];
+    ints in = *norm > 0, any_high = {0}, any_low = {0};
+
+    LANES_UNROLL for (uint32_t i = 0; i < n; i++)
+    {
+        ints high = ~s->live[i] | (expected[i] > c->high);
+        any_high |= high;
+        any_low |= ~high;
+        y_back = lanes_select(high, y_back, s->y[i]);
+        t_back = lanes_select(high, t_back, c->t[i]);
+    }
+    out->validity = ~in & ((any_high & 1) | (any_low & 2));
+    if (variance) {
+        floats back = (m->noise + c->shot * lanes_positive(y_back)) / t_back / t_back;
+        out->variance = lanes_select(in, out->variance, back);
+    }
+    *sum = lanes_select(in, *sum, y_back);
+    *norm = lanes_select(in, *norm, t_back);
+}
+
+LANES_INLINE void divide(const struct model_lanes *c, floats sum, floats norm, struct merged *out)
+{
+    out->e = c->scale * (sum / norm);
+    out->stored = out->e * c->reference_s;
+}
+
+/* Steps 3 and 4. Where nothing is in range, sum / norm is 0 / 0: one look at what is to be stored
+ * finds that, and what is beyond half's range, together. */
 LANES_INLINE struct merged choose(const struct ls_merge_model *m, const struct model_lanes *c,
                                   const struct samples *s, floats e, uint32_t n, bool products,
                                   bool variance)
 {
     floats w[EXPOSURES], expected[EXPOSURES], sum = {0}, norm = {0};
-    ints any_in = {0};
     struct merged out = {0};
 
     floats factor = weigh(c, e, lanes_all(1), n, products, w);
@@ -145,41 +152,46 @@ LANES_INLINE struct merged choose(const struct ls_merge_model *m, const struct m
         expected[i] = s->dark[i] + e * c->t[i];
         ints in = s->live[i] & (expected[i] <= c->high) & (expected[i] >= c->low);
         floats weight = lanes_keep(in, w[i]);
-        any_in |= in;
         sum = i ? sum + weight * s->y[i] : weight * s->y[i];
         norm = i ? norm + weight * c->t[i] : weight * c->t[i];
     }
     if (variance)
         out.variance = factor / norm;
-    if (!lanes_are_all_set(any_in))
-        fall_back(m, c, s->y, expected, s->live, n, any_in, variance, &sum, &norm, &out);
-    out.e = c->scale * (sum / norm);
+    divide(c, sum, norm, &out);
+    out.plain = lanes_are_all_set(lanes_magnitude(out.stored) <= LS_HALF_MAX);
+    if (out.plain)
+        return out;
+    fall_back(m, c, s, expected, n, variance, &sum, &norm, &out);
+    divide(c, sum, norm, &out);
     return out;
 }
 
-LANES_INLINE void put_half(const struct model_lanes *c, uint16_t *half, struct merged *out)
+/* What is beyond half's range becomes its edge, and saturated. */
+LANES_INLINE void limit(struct merged *out)
 {
-    floats v = out->e * c->reference_s;
+    floats v = out->stored;
     ints fits = lanes_magnitude(v) <= LS_HALF_MAX;
+    floats edge = lanes_select(v > 0, lanes_all(LS_HALF_MAX), lanes_all(-LS_HALF_MAX));
 
-    if (!lanes_are_all_set(fits)) {
-        floats edge = lanes_select(v > 0, lanes_all(LS_HALF_MAX), lanes_all(-LS_HALF_MAX));
-        v = lanes_select(fits, v, lanes_keep(v == v, edge));
-        out->validity = (out->validity & fits) | (LS_VALIDITY_SATURATED & ~fits);
-    }
-    lanes_store_half(half, lanes_to_half(v));
+    out->stored = lanes_select(fits, v, lanes_keep(v == v, edge));
+    out->validity = (out->validity & fits) | (LS_VALIDITY_SATURATED & ~fits);
 }
 
-LANES_INLINE void put(const struct ls_merge_model *m, const struct model_lanes *c,
-                      const struct ls_merge_lines *l, size_t p, struct merged out)
+LANES_INLINE void put(const struct ls_merge_model *m, const struct ls_merge_lines *l, size_t p,
+                      struct merged out)
 {
     if (l->e)
         lanes_store(l->e + p, out.e);
-    if (l->half)
-        put_half(c, l->half + p, &out);
     if (l->variance)
         lanes_store(l->variance + p, m->scale2 * out.variance);
-    lanes_store_u8(l->validity + p, out.validity);
+    if (l->half && !out.plain)
+        limit(&out);
+    if (l->half)
+        lanes_store_half(l->half + p, lanes_to_half(out.stored));
+    if (out.plain)
+        memset(l->validity + p, LS_VALIDITY_OK, LANES);
+    else
+        lanes_store_u8(l->validity + p, out.validity);
 }
 
 /* The pooled estimates of a block before the choices: both wait for a division, and many pixels can
@@ -201,7 +213,7 @@ LANES_INLINE void merge_run(const struct ls_merge_model *m, const struct ls_merg
         }
         for (size_t p = first, k = 0; p < end; p += LANES, k++) {
             load(&c, &l, p, n, wide, &s);
-            put(m, &c, &l, p, choose(m, &c, &s, e[k], n, products, l.variance));
+            put(m, &l, p, choose(m, &c, &s, e[k], n, products, l.variance));
         }
     }
 }
