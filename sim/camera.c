@@ -151,7 +151,9 @@ static void take_pulse(struct sim_camera *c, struct job *job, double pulse_us)
     uint64_t pulse = ++c->stats.pulses;
     settings_of(c, &s);
     job->exposure.exposure_us = s.trigger_width ? pulse_us + c->exposure_offset_us : s.exposure_us;
-    job->exposure.lit_us = fmin(pulse_us, job->exposure.exposure_us);
+    /* a dome keeps its light on until the sensor has done what the pulse asked for */
+    job->exposure.lit_us =
+        s.trigger_width ? job->exposure.exposure_us : fmin(pulse_us, s.exposure_us);
     job->twice = holds(c->faults.duplicate_frame, pulse);
     job->late_ms = holds(c->faults.late_frame, pulse) ? c->faults.late_ms : 0;
     if (holds(c->faults.lose_frame, pulse))
