@@ -288,9 +288,9 @@ static void test_it_is_the_best_of_all_active_sets(void)
         g_assert_cmpfloat((double)worst[kind].residual, <=, 1e-13);
         /* L alpha is the point of a convex cone nearest to b, so its square distance from the best
          * is at most the difference of the squared residuals: 2 x 4e-16 S^2. Systems far from
-         * dependent stay at rounding. */
+         * dependent stay at rounding; the others, in 1e5 tries, at 1e-12. */
         bool close = kind == CONDITION || kind == NEARLY_PARALLEL;
-        g_assert_cmpfloat((double)worst[kind].image, <=, close ? 3e-8 : 1e-13);
+        g_assert_cmpfloat((double)worst[kind].image, <=, close ? 1e-10 : 1e-13);
         g_assert_cmpfloat((double)worst[kind].kkt, <=, 1e-12);
     }
 }

@@ -41,10 +41,10 @@ static struct ls_pattern_factor factor_of(struct grey_bench *b, uint32_t conditi
 }
 
 /* Duty as driven holds 11 of 1000 steps, so that 0.0111 is quantised by 0.9 %. */
-static void test_patterns(void)
+static void patterns_case(double spread)
 {
     const double duty = 0.0111, group_duty = 0.1;
-    struct grey_rig_options o = {"grey", 7, 0.05, 1, "A", 96, "RG", 1};
+    struct grey_rig_options o = {"grey", 7, spread, 1, "A", 96, "RG", 1};
     struct grey_bench *b = grey_bench_new_with(&o, duty, GROUPS, group_duty);
     uint32_t n = b->rig->n_pixels, lights = b->rig->n_lights;
     float *sum[GROUPS + 1];
@@ -62,7 +62,8 @@ static void test_patterns(void)
     f = factor_of(b, grey_rig_full(b->rig, 0), sum[GROUPS], worst, duty);
     double truth =
         duty / sim_scene_quantise(b->rig->scene, duty) * sim_scene_droop(b->rig->scene, 0, lights);
-    g_test_message("sphere: %.5f +- %.5f, truth %.5f, %u pixels", f.factor, f.sigma, truth, f.n);
+    g_test_message("spread %g: sphere: %.5f +- %.5f, truth %.5f, %u pixels", spread, f.factor,
+                   f.sigma, truth, f.n);
     g_assert_cmpfloat(fabs(f.factor / truth - 1), <, 0.005);
     g_assert_cmpfloat(fabs(f.factor - truth), <, 4 * f.sigma + 2e-4 * truth);
     for (uint32_t g = 0; g < GROUPS; g++) {
@@ -83,6 +84,12 @@ static void test_patterns(void)
         g_free(sum[g]);
     g_free(worst);
     grey_bench_free(b);
+}
+
+static void test_patterns(void)
+{
+    patterns_case(0.05);
+    patterns_case(0.10);
 }
 
 static void refuse(enum ls_err err, const struct ls_diag *diag, const char *words)

@@ -68,7 +68,7 @@ def test_an_operator_is_asked_for_three_objects_and_gets_a_calibration(folder):
         lit = {"sphere": LIGHTS, "segments-6": LIGHTS / 6, "headlight": 3}[pattern]
         droop = 1 + {"W": 0.2, "R": 0.15, "V": 0.1, "H": 0.1}[channel] * (lit - 1) / (LIGHTS - 1)
         driven = round(f["duty"] * 1000) / 1000
-        # the limit
+        # what a calibration promises of a factor
         assert abs(f["factor"] / (droop * f["duty"] / driven) - 1) < 0.005, f
     assert m["provenance"]["date"] and [t["subject"] for t in m["provenance"]["takes"]] == [
         "grey sphere", "chrome ball", "black glossy sphere"], m["provenance"]
