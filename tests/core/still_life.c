@@ -92,12 +92,19 @@ double still_life_variance(double x, double rate)
     return 1 / information / FRAMES;
 }
 
+/* Variance of the camera's pictures relative to that of two frames. */
+static double share_of(const struct still_life_camera *camera)
+{
+    return camera->frames > 0 ? (double)FRAMES / camera->frames : 1;
+}
+
 struct ls_linear_noise still_life_noise(const struct still_life_camera *camera, double rate)
 {
     if (!camera->noise)
         return (struct ls_linear_noise){0};
-    return (struct ls_linear_noise){pow(read_e / full_well_e / rate, 2) / FRAMES,
-                                    1 / (full_well_e * rate) / FRAMES};
+    double share = share_of(camera) / FRAMES;
+    return (struct ls_linear_noise){pow(read_e / full_well_e / rate, 2) * share,
+                                    1 / (full_well_e * rate) * share};
 }
 
 static void through_mosaic(const struct still_life *w, float *rgb)
@@ -117,10 +124,10 @@ static void through_mosaic(const struct still_life *w, float *rgb)
 void still_life_take(const struct still_life *w, const struct still_life_camera *camera,
                      double n_lights, float *picture)
 {
-    double rate = still_life_rate(n_lights);
+    double rate = still_life_rate(n_lights), share = share_of(camera);
     for (size_t j = 0; j < w->n && camera->noise; j++)
-        picture[j] +=
-            (float)(gaussian(camera->rand) * sqrt(still_life_variance((double)picture[j], rate)));
+        picture[j] += (float)(gaussian(camera->rand) *
+                              sqrt(share * still_life_variance((double)picture[j], rate)));
     if (camera->mosaic && w->colours == 3)
         through_mosaic(w, picture);
 }

@@ -41,12 +41,13 @@ void still_life_free(struct still_life *world);
 struct still_life_camera {
     bool noise, mosaic; /* mosaic: photographed through RGGB and demosaiced */
     GRand *rand;
+    uint32_t frames; /* averaged in a picture; 0: two, 0.8 % noise on white */
 };
 
 /** Full scales per unit of R at the longest exposure of a picture of @n_lights. */
 double still_life_rate(double n_lights);
 
-/** Variance of the merged bracket at radiance @x, in the unit of R, squared. */
+/** Variance of the merged bracket, of two frames, at radiance @x, in the unit of R, squared. */
 double still_life_variance(double x, double rate);
 
 /** What promotion is told of it: the longest exposure alone; 0 without noise. */

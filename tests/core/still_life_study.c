@@ -198,10 +198,19 @@ static float *take_field(const struct still_life *w, const struct still_life_cam
 void still_life_study_init(struct still_life_study *x, const struct still_life *w, bool noise,
                            bool mosaic, bool every)
 {
+    enum { SEED = 7 };
+    const struct still_life_camera camera = {noise, mosaic, g_rand_new_with_seed(SEED), 0};
+    g_test_message("seed %d", SEED);
+    still_life_study_init_with(x, w, &camera, every);
+}
+
+void still_life_study_init_with(struct still_life_study *x, const struct still_life *w,
+                                const struct still_life_camera *camera, bool every)
+{
     size_t pixels = (size_t)w->side * w->side;
     *x = (struct still_life_study){.world = w,
-                                   .camera = {noise, mosaic, g_rand_new_with_seed(7)},
-                                   .quiet = {false, mosaic, NULL},
+                                   .camera = *camera,
+                                   .quiet = {false, camera->mosaic, NULL, 0},
                                    .brightest = g_new0(float, pixels)};
     for (int s = 0; s < SPECTRA; s++) {
         x->clean[s] = take_field(w, &x->quiet, s);

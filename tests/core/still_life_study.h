@@ -54,6 +54,10 @@ struct still_life_study {
 /** @every: photograph every spectrum per light, for inputs beyond white. */
 void still_life_study_init(struct still_life_study *study, const struct still_life *world,
                            bool noise, bool mosaic, bool every);
+
+/** With a camera of one's own; its generator is the study's then. */
+void still_life_study_init_with(struct still_life_study *study, const struct still_life *world,
+                                const struct still_life_camera *camera, bool every);
 void still_life_study_finish(struct still_life_study *study);
 
 /** Fit, promote and compare. @n_segments: 1 for a full sphere and for the head light. */

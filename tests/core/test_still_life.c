@@ -5,14 +5,15 @@
  * Fast: 64 x 64 px. LS_TEST_FULL=1: 128 x 128, and every row of the table.
  *
  * Camera and errors are those of still_life.h and still_life_study.h, in percent. Two frames per
- * picture: with one the highlight error at 64 px is 0.22 of Eq. 1's in place of 0.17, and what is
- * left of it is the noise of the picture that the sum must reproduce, which no model can remove.
+ * picture, 0.8 % noise on white: with one the highlight error at 64 px is 0.22 of Eq. 1's in place
+ * of 0.17, and what is left of it is the noise of the picture that the sum must reproduce, which no
+ * model can remove.
  *
- * The requirement is on promotion, at every pixel in RGB. Served errors hold the noise of the white
- * field as well. Through a mosaic, pictures this small are ruled by highlights narrower than the
- * filter's period (26 % by Eq. 1 without any noise): no model can tell the colour of what one
- * photosite alone has seen. Those rows are printed, and only the estimate without truth is required
- * of them.
+ * The requirement is on promotion, at every pixel in RGB; and, with 32 frames per picture (0.2 %),
+ * on field and highlights as served: served errors hold the noise of the white field as well.
+ * Through a mosaic, pictures this small are ruled by highlights narrower than the filter's period
+ * (26 % by Eq. 1 without any noise): no model can tell the colour of what one photosite alone has
+ * seen. Those rows are printed, and only the estimate without truth is required of them.
  */
 #include "tests/core/still_life_study.h"
 
@@ -71,6 +72,30 @@ static void assert_estimate(const struct still_life_row *row)
     g_assert_cmpfloat(truth, <=, 1.5 * estimate);
 }
 
+/* The requirement on served errors, where noise does not hide them. Of light bounced 0.4 % of noise
+ * of white is as much as Eq. 1 is off by: there it need only be better. */
+static void test_less_is_left_as_served(void)
+{
+    enum { SEED = 8 };
+    const struct still_life_camera camera = {true, false, g_rand_new_with_seed(SEED), 32};
+    struct still_life w;
+    struct still_life_study x;
+    still_life_load(&w, full() ? 128 : 64, "RG");
+    still_life_study_init_with(&x, &w, &camera, false);
+    g_test_message("seed %d", SEED);
+    print_head("RGB at every pixel, 0.2 % noise");
+    struct still_life_row eq1 = judge_and_print(&x, STILL_LIFE_LINEAR, &white_alone, 1, "RGB");
+    struct still_life_row linear = judge_and_print(&x, STILL_LIFE_LINEAR, &white_alone, 14, "RGB");
+    const struct still_life_errors *a = &eq1.served, *b = &linear.served;
+    still_life_study_finish(&x);
+    assert_estimate(&linear);
+    g_assert_cmpfloat(still_life_percent(&b->field), <=, 0.4 * still_life_percent(&a->field));
+    g_assert_cmpfloat(still_life_percent(&b->highlight), <=,
+                      0.2 * still_life_percent(&a->highlight));
+    g_assert_cmpfloat(still_life_percent(&b->inter), <, still_life_percent(&a->inter));
+    still_life_free(&w);
+}
+
 static void test_segments_leave_less_than_half(void)
 {
     struct still_life w;
@@ -82,7 +107,7 @@ static void test_segments_leave_less_than_half(void)
                    {false, false, "RGB at every pixel, no noise"},
                    {true, true, "mosaic, noise"},
                    {false, true, "mosaic, no noise"}};
-    for (size_t k = 0; k < (full() ? G_N_ELEMENTS(cameras) : 1); k++) {
+    for (size_t k = 0; k < (full() ? G_N_ELEMENTS(cameras) : 2); k++) {
         struct still_life_study x;
         still_life_study_init(&x, &w, cameras[k].noise, cameras[k].mosaic, false);
         print_head(cameras[k].name);
@@ -138,6 +163,8 @@ int main(int argc, char **argv)
     g_test_init(&argc, &argv, NULL);
     g_test_add_func("/still-life/fourteen-segments-leave-less-than-half-of-eq-1s-error",
                     test_segments_leave_less_than_half);
+    g_test_add_func("/still-life/fourteen-segments-leave-less-as-served-too",
+                    test_less_is_left_as_served);
     g_test_add_func("/still-life/mono-blends-ratios-and-fits-spectra", test_mono_blends_and_fits);
     return g_test_run();
 }
