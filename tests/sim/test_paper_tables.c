@@ -630,9 +630,9 @@ static void test_the_tables_of_figures_5_and_7(void)
         g_assert_cmpfloat(halo.fabrics[SHARED][MEASURED], <,
                           0.5 * halo.fabrics[TRISTIMULUS][MEASURED]);
         g_assert_cmpfloat(halo.chart[MONO][MEASURED], <, halo.chart[TRISTIMULUS][MEASURED]);
-        /* three-band tubes shine at 545 and 611 nm, between the LEDs, where no strengths reach: less
-         * is gained on the chart, and nothing by shared strengths on materials not in it (0.83 %
-         * against tristimulus' 0.74 %), by mono on neither; per-target strengths gain on both */
+        /* three-band tubes shine at 545 and 611 nm, between the LEDs, where no strengths reach:
+         * less is gained on the chart, and nothing by shared strengths on materials not in it (0.83
+         * % against tristimulus' 0.74 %), by mono on neither; per-target strengths gain on both */
         g_assert_cmpfloat(narrow.chart[SHARED][MEASURED], <, narrow.chart[TRISTIMULUS][MEASURED]);
         g_assert_cmpfloat(narrow.chart[PER_TARGET][MEASURED], <,
                           narrow.chart[TRISTIMULUS][MEASURED]);
