@@ -102,9 +102,13 @@ static int make_plan(struct ls_command_context *context, const struct ls_calibra
     int code = ls_command_call(context, LS_MESSAGE_RIG, &body.base, NULL, 0, &reply);
     if (code)
         return code;
-    write_plan(shoot, object, (const Lightstage__RigReply *)reply.message, plan, PLAN_BYTES);
+    const Lightstage__RigReply *rig = (const Lightstage__RigReply *)reply.message;
+    if (shoot->segments_asked && shoot->segments > rig->n_lights)
+        code = ls_command_wrong("--segments %u: the rig has %u lights", shoot->segments,
+                                rig->n_lights);
+    write_plan(shoot, object, rig, plan, PLAN_BYTES);
     ls_reply_finish(&reply);
-    return LS_EXIT_OK;
+    return code;
 }
 
 /* ---- the take ---- */

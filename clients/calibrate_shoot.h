@@ -15,6 +15,7 @@ enum ls_calibrate_object { LS_OBJECT_GREY, LS_OBJECT_CHROME, LS_OBJECT_GLOSS, LS
 struct ls_calibrate_shoot {
     const char *exposures_us[LS_N_OBJECTS]; /* "100, 800, 6400" */
     uint32_t darks, segments;               /* segments 0 = none */
+    bool segments_asked;                    /* else a rig of fewer lights goes without */
     bool yes;                               /* do not ask */
 };
 

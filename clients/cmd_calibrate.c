@@ -86,6 +86,7 @@ static int parse_number(struct options *o, int option)
         return ls_command_wrong("--reflectance %s: expected 0.01 to 1", optarg);
     if (option == CAMERA && !ls_camera_option(optarg, &o->camera))
         return ls_command_wrong("--camera %s: expected the number of a camera, from 0", optarg);
+    o->shoot.segments_asked |= option == SEGMENTS;
     if (option == SEGMENTS && !whole(optarg, 0, 4096, &o->shoot.segments))
         return ls_command_wrong("--segments %s: expected 0 to 4096", optarg);
     if (option == DARKS && !whole(optarg, 2, 4096, &o->shoot.darks))
@@ -162,6 +163,10 @@ static int parse(struct ls_command_context *context, int argc, char **argv, stru
         return LS_EXIT_USAGE;
     if (!o->output)
         return ls_command_wrong("calibrate: --output FILE is needed");
+    for (int i = 0; i < LS_N_OBJECTS; i++)
+        if (o->skip[i] && o->takes[i])
+            return ls_command_wrong("calibrate: --no-chrome and --no-gloss leave out what --chrome "
+                                    "and --gloss name: give one of them");
     if (!o->takes[LS_OBJECT_GREY] && (o->takes[LS_OBJECT_CHROME] || o->takes[LS_OBJECT_GLOSS]))
         return ls_command_wrong("calibrate: --chrome and --gloss name takes that go with --grey TAKE");
     return LS_EXIT_OK;
@@ -234,6 +239,15 @@ static bool has_polarisers(const struct ls_take_document *d)
     return n == 2;
 }
 
+static int need_polarisers(const struct calibration *c)
+{
+    if (!c->options->takes[LS_OBJECT_GLOSS] ||
+        has_polarisers(c->takes[LS_OBJECT_GREY]->document))
+        return LS_EXIT_OK;
+    return ls_command_wrong("calibrate: --gloss measures polarisers, and the rig of take %s has no "
+                            "pair of them: leave out --gloss", c->ids[LS_OBJECT_GREY]);
+}
+
 /* Each is measured as soon as it has been photographed: who put the wrong object there hears of it
  * before the next. */
 static int run_objects(struct calibration *c)
@@ -242,6 +256,8 @@ static int run_objects(struct calibration *c)
     int code = LS_EXIT_OK;
     for (int i = 0; i < LS_N_OBJECTS && !code; i++) {
         code = shoot(c, (enum ls_calibrate_object)i, polarised);
+        if (!code && i == LS_OBJECT_GREY)
+            code = need_polarisers(c);
         if (!code)
             code = measure(c, (enum ls_calibrate_object)i);
         if (!code && i == LS_OBJECT_GREY)
@@ -314,6 +330,8 @@ static int run(struct ls_command_context *context, int argc, char **argv)
     int code = parse(context, argc, argv, &options);
     if (!code)
         code = read_base(&c);
+    if (!code && ls_command_check_writable(options.output, &context->diag))
+        code = ls_command_failed(context, LS_ERR_INVALID);
     if (!code)
         code = ls_command_connect(context);
     context->quiet = true;

@@ -19,6 +19,7 @@ struct options {
     const char *exr, *png;
     const char *light; /* what the take is relit with: the environment, or weights */
     bool weights;
+    bool solved; /* an option of the environment's solve was given */
     bool raw;
     struct ls_light_options solve;
     const struct ls_profile *profile;
@@ -54,6 +55,7 @@ static int set(struct options *out, int option)
 {
     enum { OUTPUT = 1, PNG, SOLVE, ROTATE, RAW, SPACE, REGION, EXPOSURE, MAX_ERROR, WEIGHTS,
            CAMERA, METHOD, CELLS, PROFILE };
+    out->solved |= option == SOLVE || option == METHOD || option == CELLS || option == ROTATE;
     switch (option) {
     case OUTPUT:
         out->exr = optarg;
@@ -146,6 +148,10 @@ static int parse(struct ls_command_context *context, int argc, char **argv, stru
     }
     if (!ls_command_arguments(&ls_command_relight, argc, out->weights ? 1 : 2))
         return LS_EXIT_USAGE;
+    if (out->weights && out->solved)
+        return ls_command_wrong("relight: --weights are strengths already: leave out --solve, "
+                                "--method, --cells and --rotate");
+    out->solve.model = out->promotion.model;
     if (!out->weights)
         out->light = argv[optind + 1];
     if (!out->exr && !out->png)
@@ -365,6 +371,8 @@ static void print_result(const struct ls_command_context *context, const struct 
 {
     if (weights->warning)
         fprintf(stderr, "lightstagectl: warning: %s\n", weights->warning);
+    if (weights->left_out[0])
+        fprintf(stderr, "lightstagectl: warning: %s\n", weights->left_out);
     if (weights->unreachable > 0.001)
         fprintf(stderr,
                 "lightstagectl: warning: %.1f %% of the map's light has colours no light can have; "

@@ -5,6 +5,7 @@
 #include <errno.h>
 #include <fcntl.h>
 #include <limits.h>
+#include <signal.h>
 #include <stdarg.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -187,7 +188,17 @@ static mode_t new_file_mode(void)
     return 0666 & ~mask;
 }
 
-static enum ls_err replace(const char *path, mode_t mode, const void *bytes, size_t n,
+/* An interrupt waits until the file beside is whole or gone. */
+static void hold_interrupts(bool hold, sigset_t *before)
+{
+    sigset_t set;
+    sigemptyset(&set);
+    sigaddset(&set, SIGINT);
+    sigaddset(&set, SIGTERM);
+    sigprocmask(hold ? SIG_BLOCK : SIG_SETMASK, hold ? &set : before, hold ? before : NULL);
+}
+
+static enum ls_err write_beside(const char *path, mode_t mode, const void *bytes, size_t n,
                            struct ls_diag *diag)
 {
     char beside[PATH_MAX];
@@ -207,6 +218,35 @@ static enum ls_err replace(const char *path, mode_t mode, const void *bytes, siz
     reason = ok ? errno : reason;
     unlink(beside);
     return ls_fail(diag, LS_ERR_INVALID, "%s: %s", path, strerror(reason));
+}
+
+static enum ls_err replace(const char *path, mode_t mode, const void *bytes, size_t n,
+                           struct ls_diag *diag)
+{
+    sigset_t before;
+    hold_interrupts(true, &before);
+    enum ls_err err = write_beside(path, mode, bytes, n, diag);
+    hold_interrupts(false, &before);
+    return err;
+}
+
+enum ls_err ls_command_check_writable(const char *path, struct ls_diag *diag)
+{
+    struct stat info;
+    char target[PATH_MAX], folder[PATH_MAX];
+    path = realpath(path, target) ? target : path;
+    const char *slash = strrchr(path, '/');
+    int n = slash ? (int)(slash - path) + 1 : 0;
+    if (snprintf(folder, sizeof folder, "%.*s.", n, path) >= (int)sizeof folder)
+        return ls_fail(diag, LS_ERR_INVALID, "%s: the path is too long", path);
+    bool there = stat(path, &info) == 0;
+    if (there && S_ISDIR(info.st_mode))
+        return ls_fail(diag, LS_ERR_INVALID, "%s: %s", path, strerror(EISDIR));
+    if (there && !S_ISREG(info.st_mode))
+        return LS_OK; /* a pipe or a device: its other end may come later */
+    return access(folder, W_OK | X_OK) ? ls_fail(diag, LS_ERR_INVALID, "%s: %s", path,
+                                                 strerror(errno))
+                                       : LS_OK;
 }
 
 enum ls_err ls_command_write_file(const char *path, const void *bytes, size_t n,

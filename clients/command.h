@@ -100,4 +100,8 @@ LS_MUST_CHECK enum ls_err ls_command_read_file(const char *path, size_t limit, c
 LS_MUST_CHECK enum ls_err ls_command_write_file(const char *path, const void *bytes, size_t n,
                                                 struct ls_diag *diag);
 
+/** Could ls_command_write_file write here, as far as can be seen without writing? For what takes long
+ * to make. LS_ERR_INVALID, with the reason. */
+LS_MUST_CHECK enum ls_err ls_command_check_writable(const char *path, struct ls_diag *diag);
+
 #endif

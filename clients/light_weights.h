@@ -33,6 +33,7 @@ enum ls_light_method { LS_LIGHT_METHOD_DEFAULT, LS_LIGHT_METHOD_NNLS, LS_LIGHT_M
 struct ls_light_options {
     enum ls_light_solve solve;
     enum ls_light_method method;
+    Lightstage__Model model; /* how the daemon is to promote: spectra it cannot serve are left out */
     bool smooth;     /* cells that overlap smoothly instead of nearest ones */
     double turn_deg; /* the environment turned about y, right-handed */
 };
@@ -58,10 +59,11 @@ struct ls_light_weights {
     double residual;     /* of all lights together, relative */
     double unreachable;  /* share of the map's energy no light can have exactly */
     const char *warning; /* or NULL */
+    char left_out[256];  /* a sentence about photographed spectra that are not used, or empty */
 };
 
 /** Errors: LS_ERR_UNSUPPORTED (the take's calibration lacks what this solve needs: says what, and
- * what to do), those of core/lighting.h. */
+ * what to do; or no spectrum but white is there for the model), those of core/lighting.h. */
 LS_MUST_CHECK enum ls_err ls_light_weights_make(const struct ls_take_document *document,
                                                 const struct ls_environment_file *environment,
                                                 const struct ls_light_options *options,

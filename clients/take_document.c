@@ -72,6 +72,18 @@ static enum ls_err read_channels(struct ls_take_document *d, const json_t *rig,
     return LS_OK;
 }
 
+static bool is_headlight(const char *kind, const char *pattern)
+{
+    return strcmp(kind, "segment") == 0 && pattern && strncmp(pattern, "headlight", 9) == 0;
+}
+
+/* Part of a division of the dome, as the daemon counts them; other lists of lights belong to bases. */
+static bool is_segment(const char *kind, const char *pattern)
+{
+    return strcmp(kind, "segment") == 0 &&
+           (!pattern || strncmp(pattern, "segments-", 9) == 0 || strncmp(pattern, "lights-", 7) == 0);
+}
+
 static void read_conditions(struct ls_take_document *d, const json_t *doc)
 {
     const json_t *list = json_object_get(json_object_get(doc, "plan"), "conditions");
@@ -81,11 +93,14 @@ static void read_conditions(struct ls_take_document *d, const json_t *doc)
     {
         const char *kind = json_string_value(json_object_get(item, "kind"));
         const char *channel = json_string_value(json_object_get(item, "channel"));
+        const char *pattern = json_string_value(json_object_get(item, "pattern"));
         for (uint32_t c = 0; kind && channel && c < d->n_channels; c++) {
             if (strcmp(d->channels[c].name, channel) != 0)
                 continue;
             d->channels[c].each |= strcmp(kind, "one") == 0;
             d->channels[c].sphere |= strcmp(kind, "sphere") == 0;
+            d->channels[c].headlight |= is_headlight(kind, pattern);
+            d->channels[c].segments |= is_segment(kind, pattern);
         }
     }
 }

@@ -29,7 +29,10 @@ struct ls_take_document {
     float (*direction)[3];  /* unit, towards the light */
     double *omega_sr;      /* of the cells; the calibration's, if it has one */
     uint32_t n_channels;
-    struct { char name[32]; bool spectrum, each, sphere; } channels[LS_DOCUMENT_CHANNELS];
+    struct {
+        char name[32];
+        bool spectrum, each, sphere, headlight, segments; /* segments: lights lit together */
+    } channels[LS_DOCUMENT_CHANNELS];
     struct ls_document_camera camera;
     bool mono;
     enum ls_cfa cfa;

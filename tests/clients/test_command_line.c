@@ -90,6 +90,8 @@ static void wrong_command_lines_end_with_2_and_a_sentence(void)
         {"relight x y --output z --reference white", "strengths or paper"},
         {"fetch x --channel W --output p --model magic", "separated or linear"},
         {"relight x y --output z --rotate north", "expected degrees"},
+        {"relight x --weights y --output z --solve tristimulus", "strengths already"},
+        {"relight x --weights y --output z --cells smooth", "strengths already"},
         {"relight x y --output z --space xyz", "rec709-linear or camera-raw"},
         {"relight x y --output z --max-error -1", "0 or more"},
     };

@@ -4,6 +4,7 @@
 #include "tests/daemon/take_fixture.h"
 
 #include <glib/gstdio.h>
+#include <jansson.h>
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
@@ -58,8 +59,9 @@ static struct ls_light_weights solve(const struct ls_take_document *document,
 {
     struct ls_light_weights weights;
     struct ls_diag diag = {0};
-    const struct ls_light_options options = {.solve = tristimulus ? LS_LIGHT_TRISTIMULUS
-                                                                  : LS_LIGHT_SPECTRAL};
+    const struct ls_light_options options = {
+        .model = LIGHTSTAGE__MODEL__SPHERE,
+        .solve = tristimulus ? LS_LIGHT_TRISTIMULUS : LS_LIGHT_SPECTRAL};
     enum ls_err err = ls_light_weights_make(document, environment, &options, &weights, &diag);
     g_assert_cmpstr(diag.text, ==, "");
     g_assert_cmpint(err, ==, LS_OK);
@@ -175,7 +177,7 @@ static void without_a_calibration_the_maps_numbers_are_used(void)
         assert_row(&weights, c, document->omega_sr, 1 + c, 1e-5);
     ls_light_weights_finish(&weights);
     environment = lit_by_channel(0);
-    const struct ls_light_options spectral = {.solve = LS_LIGHT_SPECTRAL};
+    const struct ls_light_options spectral = {.model = LIGHTSTAGE__MODEL__SPHERE};
     g_assert_cmpint(ls_light_weights_make(document, &environment, &spectral, &weights, &diag), ==,
                     LS_ERR_UNSUPPORTED);
     g_assert_nonnull(strstr(diag.text, "RGB map"));
@@ -336,7 +338,7 @@ static void another_chart_than_the_calibrations_is_refused(void)
     struct ls_take_document *document = a_document(true);
     char *folder = captured_folder(document->calibration, 1, TAKE_PATCHES - 1);
     g_autofree char *file = g_build_filename(folder, "probe.json", NULL);
-    const struct ls_light_options options = {.solve = LS_LIGHT_SPECTRAL};
+    const struct ls_light_options options = {.model = LIGHTSTAGE__MODEL__SPHERE};
     struct ls_environment_file environment;
     struct ls_light_weights weights;
     struct ls_diag diag = {0};
@@ -374,6 +376,7 @@ static void every_solve_and_method_finds_the_led(void)
     for (int k = 0; k < 8; k++) {
         struct ls_environment_file environment = lit_by_channel(1);
         const struct ls_light_options options = {
+            .model = LIGHTSTAGE__MODEL__SPHERE,
             .solve = k & 1 ? LS_LIGHT_PER_TARGET : LS_LIGHT_SHARED,
             .method = k & 2 ? LS_LIGHT_METHOD_LEAST_SQUARES : LS_LIGHT_METHOD_NNLS,
             .smooth = k & 4};
@@ -402,6 +405,67 @@ static void every_solve_and_method_finds_the_led(void)
     ls_take_document_destroy(document);
 }
 
+/* The document of a take whose plan has, in place of the sphere of R, a condition of @kind. */
+static struct ls_take_document *a_document_with(const char *kind, const char *pattern)
+{
+    struct ls_calibration *cal = made_calibration();
+    struct ls_take_document *document = NULL;
+    g_autofree char *text = take_json_text(cal, 1);
+    json_t *doc = json_loads(text, 0, NULL), *item;
+    size_t i;
+    json_array_foreach(json_object_get(json_object_get(doc, "plan"), "conditions"), i, item)
+        if (!strcmp(json_string_value(json_object_get(item, "id")), "sphere-R")) {
+            json_object_set_new(item, "kind", json_string(kind));
+            if (pattern)
+                json_object_set_new(item, "pattern", json_string(pattern));
+        }
+    char *changed = json_dumps(doc, JSON_REAL_PRECISION(17));
+    g_assert_cmpint(ls_take_document_parse(changed, strlen(changed), 0, &document, NULL), ==,
+                    LS_OK);
+    free(changed);
+    json_decref(doc);
+    ls_calibration_destroy(cal);
+    return document;
+}
+
+/* A spectrum is used as soon as the plan has what the model makes it of; a take that has the model
+ * nothing but white says so. */
+static void a_model_uses_the_spectra_it_is_served(void)
+{
+    static const struct {
+        const char *kind, *pattern;
+        bool served[5]; /* measured, sphere, headlight, separated, linear */
+    } cases[] = {
+        {"sphere", NULL, {false, true, false, true, false}},
+        {"segment", "segments-14", {false, false, false, false, true}},
+        {"segment", "lights-3", {false, false, false, false, true}},
+        {"segment", "headlight", {false, false, true, false, false}},
+        {"one", NULL, {true, false, true, false, true}},
+    };
+    for (size_t i = 0; i < G_N_ELEMENTS(cases); i++)
+        for (int model = 0; model < 5; model++) {
+            struct ls_take_document *document = a_document_with(cases[i].kind, cases[i].pattern);
+            struct ls_environment_file environment = lit_by_channel(1);
+            const struct ls_light_options options = {.model = (Lightstage__Model)model};
+            struct ls_light_weights weights;
+            struct ls_diag diag = {0};
+            enum ls_err err =
+                ls_light_weights_make(document, &environment, &options, &weights, &diag);
+            if (cases[i].served[model]) {
+                g_assert_cmpint(err, ==, LS_OK);
+                g_assert_cmpuint(weights.n_names, ==, 2);
+                g_assert_cmpstr(weights.names[1], ==, "R");
+                g_assert_cmpstr(weights.left_out, ==, "");
+                ls_light_weights_finish(&weights);
+            } else {
+                g_assert_cmpint(err, ==, LS_ERR_UNSUPPORTED);
+                g_assert_nonnull(strstr(diag.text, "--model"));
+            }
+            ls_environment_file_finish(&environment);
+            ls_take_document_destroy(document);
+        }
+}
+
 int main(int argc, char **argv)
 {
     g_test_init(&argc, &argv, NULL);
@@ -426,6 +490,8 @@ int main(int argc, char **argv)
                     another_chart_than_the_calibrations_is_refused);
     g_test_add_func("/light-weights/words-of-the-command-line-are-understood",
                     words_of_the_command_line_are_understood);
+    g_test_add_func("/light-weights/a-model-uses-the-spectra-it-is-served",
+                    a_model_uses_the_spectra_it_is_served);
     g_test_add_func("/light-weights/every-solve-and-method-finds-the-led",
                     every_solve_and_method_finds_the_led);
     g_test_add_func("/take-document/damaged-ones-are-refused-by-key",

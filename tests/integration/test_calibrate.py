@@ -114,13 +114,17 @@ def test_a_chrome_ball_or_a_black_sphere_is_no_grey_one(folder):
         rig.stop()
 
 
-def test_a_grey_sphere_is_no_chrome_ball(folder):
+def test_a_grey_sphere_is_no_chrome_ball_and_no_black_one_without_polarisers(folder):
     rig = dome(folder, "grey", WHITE, "W", 24).start()
     code, status, err = takes.photograph(rig, GREY)
     assert code == 0, err
     err = refused(rig, "--grey", status["id"], "--chrome", status["id"])
     print("#", err.strip().splitlines()[-1])
     takes.says(err, "put the chrome ball there")
+    code, _, err = takes.ask(rig, "calibrate", "--output", rig.path("measured.json"), "--grey",
+                             status["id"], "--gloss", status["id"])
+    assert code == 2 and "no pair of them" in err, (code, err)
+    assert not os.path.exists(rig.path("measured.json"))
 
 
 def test_a_sphere_that_is_too_bright_or_cut_off_is_named(folder):
@@ -154,7 +158,10 @@ def test_wrong_command_lines_are_refused_before_a_light_is_lit(folder):
     for options, sentence in ((("--radius", "far"), "expected metres"),
                               (("--grey-exposures", "soon"), "expected microseconds"),
                               (("--base", rig.path("absent.json")), "absent.json"),
-                              (("--chrome", "x"), "--grey TAKE")):
+                              (("--chrome", "x"), "--grey TAKE"),
+                              (("--yes", "--segments", "25"), "the rig has 24 lights"),
+                              (("--yes", "--output", rig.path("absent/m.json")), "absent/m.json"),
+                              (("--yes", "--output", folder), "directory")):
         code, _, err = takes.ask(rig, "calibrate", "--output", rig.path("m.json"), *options)
         assert code == 2 and sentence in err, (options, code, err)
     assert not rig.takes()
