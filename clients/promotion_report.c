@@ -20,6 +20,9 @@ void ls_promotion_report_keep(struct ls_promotion_report *report,
         to->reference = from->reference;
         to->segments = from->segments;
         to->inseparable_lights = from->inseparable_lights;
+        to->multiplexed = from->multiplexed;
+        to->spare_deviation = from->spare_deviation;
+        to->spare_alarm = from->spare_alarm;
         to->left_out_error = from->left_out_error;
         to->left_out_share = from->left_out_share;
         report->n++;
@@ -88,6 +91,12 @@ static json_t *spectrum_json(const struct ls_spectrum_said *said)
     }
     if (said->model == LIGHTSTAGE__MODEL__SEPARATED)
         json_object_set_new(out, "inseparable_lights", json_integer(said->inseparable_lights));
+    if (said->multiplexed > 0) {
+        json_object_set_new(out, "multiplexed", json_integer(said->multiplexed));
+        if (isfinite(said->spare_deviation))
+            json_object_set_new(out, "spare_deviation", json_real(said->spare_deviation));
+        json_object_set_new(out, "spare_alarm", json_boolean(said->spare_alarm));
+    }
     return out;
 }
 
@@ -106,6 +115,11 @@ void ls_promotion_report_print(const struct ls_promotion_report *report)
         if (is_estimated(said))
             printf("%s: fitted on %u segments; each left out and predicted: %.2f %% off\n",
                    said->channel, said->segments, 100 * said->left_out_error);
+        if (said->spare_alarm)
+            printf("%s: alarm: where no light was lit, the multiplexed pictures show %.1f sigma: "
+                   "other light came after the darks, something saturated, or the supply's sag is "
+                   "not the calibrated one\n",
+                   said->channel, said->spare_deviation);
         if (said->model == LIGHTSTAGE__MODEL__SEPARATED && said->inseparable_lights > 0)
             printf("%s: %u lights are inseparable: promoted whole, by Eq. 1\n", said->channel,
                    said->inseparable_lights);

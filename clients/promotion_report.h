@@ -18,6 +18,9 @@ struct ls_spectrum_said {
     Lightstage__Reference reference;
     uint32_t segments, inseparable_lights;
     double left_out_error, left_out_share; /* share 0: no estimate */
+    uint32_t multiplexed;                  /* 0: one by one */
+    double spare_deviation;                /* sigmas */
+    bool spare_alarm;
 };
 
 enum { LS_SPECTRA_SAID = 16 };
@@ -41,7 +44,8 @@ void ls_promotion_report_attrs(const struct ls_promotion_report *report, bool ba
 /** [{channel, model, reference, ...}]. (transfer full). */
 json_t *ls_promotion_report_json(const struct ls_promotion_report *report);
 
-/** For a person, on standard output: one line per fitted or separated spectrum. */
+/** For a person, on standard output: one line per fitted or separated spectrum, and alarms of
+ * multiplexed ones. */
 void ls_promotion_report_print(const struct ls_promotion_report *report);
 
 #endif

@@ -25,20 +25,35 @@ double ls_promote_sphere_factor(const struct ls_field *field, uint32_t s)
     return field->factor[s] / field->duty[s];
 }
 
-void ls_promote_sigma(const struct ls_field *field, const float *row, size_t n_row, const float *v,
-                      size_t n, float *sigma)
+/* sqrt(read sum r^2 + dark (sum r)^2 + shot x per_light x light). */
+static void fill_sigma(const struct ls_field *field, const float *row, size_t n_row,
+                       double per_light, const float *light, size_t n, float *sigma)
 {
-    double squares = 0, sum = 0, largest = 0;
+    double squares = 0, sum = 0;
     for (size_t i = 0; i < n_row; i++) {
         squares += (double)row[i] * (double)row[i];
         sum += (double)row[i];
-        largest = fmax(largest, (double)row[i]);
     }
     double floor_variance =
         field->noise.read_variance * squares + field->noise.dark_variance * sum * sum;
     for (size_t j = 0; j < n; j++)
-        sigma[j] =
-            (float)sqrt(floor_variance + field->noise.shot * largest * fmax((double)v[j], 0));
+        sigma[j] = (float)sqrt(floor_variance +
+                               field->noise.shot * per_light * fmax((double)light[j], 0));
+}
+
+void ls_promote_sigma(const struct ls_field *field, const float *row, size_t n_row, const float *v,
+                      size_t n, float *sigma)
+{
+    double largest = 0;
+    for (size_t i = 0; i < n_row; i++)
+        largest = fmax(largest, (double)row[i]);
+    fill_sigma(field, row, n_row, largest, v, n, sigma);
+}
+
+void ls_promote_sigma_light(const struct ls_field *field, const float *row, size_t n_row,
+                            const float *light, size_t n, float *sigma)
+{
+    fill_sigma(field, row, n_row, 1, light, n, sigma);
 }
 
 /* Largest and smallest of v over the rows [top, end) at one sample of each of @n pixels. */

@@ -56,6 +56,12 @@ double ls_promote_sphere_factor(const struct ls_field *field, uint32_t s);
 void ls_promote_sigma(const struct ls_field *field, const float *row, size_t n_row, const float *v,
                       size_t n, float *sigma);
 
+/** The same where V is a sum of both signs over pictures of many lights (core/multiplex.h): V says
+ * nothing of the light whose shot noise it has. @light: sum_j r_j^2 m_j over the pictures m_j, V's
+ * unit; variance read sum r^2 + dark (sum r)^2 + shot max(light, 0). @sigma may not be @light. */
+void ls_promote_sigma_light(const struct ls_field *field, const float *row, size_t n_row,
+                            const float *light, size_t n, float *sigma);
+
 /**
  * Add, in quadrature, what demosaicing may have done to V: 5 % of the range of V over
  * the 5 x 5 pixels that the interpolation reads. Beside a highlight an interpolated V can be wrong

@@ -3,6 +3,7 @@
 #include "core/half.h"
 #include "core/promote.h"
 #include "core/relight.h"
+#include "daemon/light_set.h"
 #include "daemon/picture_region.h"
 #include "daemon/render.h"
 #include "proto/frame.h"
@@ -47,17 +48,13 @@ static void fetch_destroy(struct ls_job *job)
 static bool promoted(const struct fetch_job *self)
 {
     return self->way.kind != LS_WAY_PHOTOGRAPHED ||
-           (self->way.set && self->way.set->n_pictures > self->source->field.n_lights);
+           (self->way.set && ls_light_set_is_summed(self->way.set));
 }
 
 /* A way without a set needs the pictures of all lights, and has them. */
 static bool has_light(const struct fetch_job *self, uint32_t light)
 {
-    const struct ls_light_set *set = self->way.set;
-    for (uint32_t j = light; set && j < set->n_pictures; j += self->source->field.n_lights)
-        if (set->pictures[j].tiles == self->source->no_tiles)
-            return false;
-    return true;
+    return !self->way.set || ls_light_set_has(self->source, self->way.set, light);
 }
 
 static enum ls_err choose_lights(struct fetch_job *self, struct ls_diag *diag)
@@ -126,6 +123,14 @@ static enum ls_err sphere_picture(const struct fetch_job *self, struct picture *
     return LS_OK;
 }
 
+/* The channel whose pictures a light is made of. */
+static uint32_t shown_by(const struct fetch_job *self)
+{
+    return self->way.kind == LS_WAY_PHOTOGRAPHED && self->way.set != &self->source->white
+               ? self->channel
+               : self->source->channel_of[0];
+}
+
 static enum ls_err check_light(const struct fetch_job *self, uint32_t light, struct ls_diag *diag)
 {
     const struct ls_take_facts *facts = self->source->facts;
@@ -134,7 +139,7 @@ static enum ls_err check_light(const struct fetch_job *self, uint32_t light, str
                        facts->n_lights - 1);
     if (has_light(self, light))
         return LS_OK;
-    uint32_t from = promoted(self) ? self->source->channel_of[0] : self->channel;
+    uint32_t from = shown_by(self);
     bool planned = ls_field_source_planned(self->source, LS_FACT_ONE, from, light);
     return ls_fail(diag, planned ? LS_ERR_STATE : LS_ERR_NOT_FOUND,
                    "%s %s has no picture of light %u under %s",
@@ -149,7 +154,7 @@ static enum ls_err light_picture(const struct fetch_job *self, struct picture *o
     enum ls_err err = check_light(self, light, diag);
     if (err)
         return err;
-    uint32_t from = promoted(self) ? self->source->channel_of[0] : self->channel;
+    uint32_t from = shown_by(self);
     out->map = ls_field_source_picture(self->source, from, light, NULL);
     bool sum = promoted(self) && self->source->white_is_polarised;
     out->k = self->estimate || sum ? 1 : ls_field_source_gain(self->source, from, light);
@@ -179,12 +184,15 @@ static enum ls_err open_render(struct fetch_job *self, struct ls_diag *diag)
     LS_CLEANUP_FREE double *weights = calloc(n, sizeof *weights);
     if (!weights)
         return ls_fail(diag, LS_ERR_NOMEM, "out of memory");
-    weights[self->lights[self->light]] = 1;
+    uint32_t light = self->lights[self->light];
+    double gained = ls_field_source_gain(self->source, self->channel, light);
+    weights[light] = self->estimate ? 1 / (gained * self->source->field.scale) : 1;
     const struct ls_render_term term = {.channel = self->channel, .weights = weights, .target = -1};
     const struct ls_render_job job = {.promotion = self->promotion,
                                       .terms = &term,
                                       .n_terms = 1,
                                       .n_pictures = 1,
+                                      .mosaic = !self->rgb,
                                       .region = self->region};
     return ls_render_open(self->source, &job, &self->render, diag);
 }
@@ -202,7 +210,8 @@ static enum ls_err next_promoted(struct fetch_job *self, struct ls_demosaic_regi
         self->render = NULL;
     }
     size_t n = err ? 0 : (size_t)band->width * band->height;
-    for (size_t j = 0; j < n && self->source->field.n_channels == 1; j++)
+    bool one = self->source->field.n_channels == 1 || !self->rgb;
+    for (size_t j = 0; j < n && one; j++)
         (*values)[j] = (*values)[3 * j];
     return err;
 }

@@ -3,6 +3,7 @@
 #include "core/mono_blend.h"
 #include "core/promote.h"
 #include "daemon/field_segments.h"
+#include "daemon/light_set.h"
 #include "daemon/linear_maps.h"
 #include "daemon/map_file.h"
 #include "daemon/ratio_maps.h"
@@ -88,6 +89,9 @@ static enum ls_err need_sphere(const struct ls_field_source *source, uint32_t s,
 static enum ls_err need_white(const struct ls_field_source *source, uint32_t s,
                               struct ls_diag *diag)
 {
+    enum ls_err err = ls_light_set_ready(source, &source->white, diag);
+    if (err)
+        return err;
     if (source->white.n_found == source->white.n_pictures)
         return LS_OK;
     return ls_fail(diag, LS_ERR_STATE,
@@ -130,24 +134,37 @@ struct ratios {
     struct ls_field_source *source;
     enum ls_field_map_kind kind;
     uint32_t n, spectra[LS_FIELD_MAX_SPECTRA];
+    bool squares; /* v_rows has the squares of its weights behind them */
     struct ls_picture *f;
     float *v_rows, *f_rows;
     double neutral[LS_FIELD_MAX_SPECTRA][3];
     struct entry made[LS_FIELD_MAX_SPECTRA];
 };
 
+/* What makes V of white, and, where multiplexed pictures make it, the light its shot noise is of. */
+static enum ls_err fill_v(struct ratios *r, uint32_t q, const double *w, uint32_t n_v,
+                          struct ls_diag *diag)
+{
+    const struct ls_light_set *white = &r->source->white;
+    float *row = r->v_rows + (size_t)q * n_v;
+    enum ls_err err = ls_light_set_row(white, w, r->source->field.n_lights, row, diag);
+    for (uint32_t j = 0; j < n_v && r->squares; j++)
+        row[(size_t)r->n * n_v + j] = row[j] * row[j];
+    return err;
+}
+
 /* Eq. 1: the sphere of s over white under the strengths of s. */
-static void fill_sphere(struct ratios *r, uint32_t q, uint32_t n_v, uint32_t n_f)
+static enum ls_err fill_sphere(struct ratios *r, uint32_t q, uint32_t n_v, uint32_t n_f,
+                               struct ls_diag *diag)
 {
     const struct ls_field *field = &r->source->field;
     uint32_t s = r->spectra[q], at = LS_HEADLIGHT_LIGHTS * q;
     r->f[at] = field->sphere[s];
     r->f_rows[(size_t)q * n_f + at] = (float)ls_promote_sphere_factor(field, s);
-    if (r->kind == LS_MAP_PAPER)
-        r->v_rows[(size_t)q * n_v] = (float)ls_promote_sphere_factor(field, 0);
-    else
-        ls_light_set_row(&r->source->white, field->g + (size_t)s * field->n_lights, field->n_lights,
-                         r->v_rows + (size_t)q * n_v);
+    if (r->kind != LS_MAP_PAPER)
+        return fill_v(r, q, field->g + (size_t)s * field->n_lights, n_v, diag);
+    r->v_rows[(size_t)q * n_v] = (float)ls_promote_sphere_factor(field, 0);
+    return LS_OK;
 }
 
 /* Eq. 2: the same with the lights of the head light alone. */
@@ -155,20 +172,19 @@ static enum ls_err fill_headlight(struct ratios *r, uint32_t q, uint32_t n_v, ui
                                   struct ls_diag *diag)
 {
     const struct ls_field *field = &r->source->field;
-    const struct ls_light_set *white = &r->source->white;
     uint32_t s = r->spectra[q], at = LS_HEADLIGHT_LIGHTS * q;
     struct ls_field_headlight light;
+    LS_CLEANUP_FREE double *w = calloc(field->n_lights, sizeof *w);
+    if (!w)
+        return ls_fail(diag, LS_ERR_NOMEM, "out of memory for a head light");
     enum ls_err err = ls_field_headlight_find(r->source, r->source->channel_of[s], &light, diag);
     for (uint32_t j = 0; j < light.n && !err; j++) {
         r->f[at + j] = light.pictures[j];
         r->f_rows[(size_t)q * n_f + at + j] = (float)light.factor[j];
     }
-    for (uint32_t j = 0; j < white->n_pictures && !err; j++)
-        for (uint32_t l = 0; l < light.n_lights; l++)
-            if (light.lights[l] == j % field->n_lights)
-                r->v_rows[(size_t)q * n_v + j] =
-                    (float)(field->g[(size_t)s * field->n_lights + light.lights[l]] * white->k[j]);
-    return err;
+    for (uint32_t l = 0; l < light.n_lights && !err; l++)
+        w[light.lights[l]] = field->g[(size_t)s * field->n_lights + light.lights[l]];
+    return err ? err : fill_v(r, q, w, n_v, diag);
 }
 
 static enum ls_err fill_ratio(struct ratios *r, uint32_t q, uint32_t n_v, uint32_t n_f,
@@ -180,8 +196,7 @@ static enum ls_err fill_ratio(struct ratios *r, uint32_t q, uint32_t n_v, uint32
         r->neutral[q][c] = field->p[s * colours + c] / field->p[c];
     if (r->kind == LS_MAP_HEADLIGHT)
         return fill_headlight(r, q, n_v, n_f, diag);
-    fill_sphere(r, q, n_v, n_f);
-    return LS_OK;
+    return fill_sphere(r, q, n_v, n_f, diag);
 }
 
 static enum ls_err run_ratios(struct ratios *r, float **maps, struct ls_diag *diag)
@@ -190,8 +205,9 @@ static enum ls_err run_ratios(struct ratios *r, float **maps, struct ls_diag *di
     bool paper = r->kind == LS_MAP_PAPER;
     uint32_t n_v = paper ? 1 : source->white.n_pictures, n_f = LS_HEADLIGHT_LIGHTS * r->n;
     enum ls_err err = LS_OK;
+    r->squares = !paper && ls_light_set_is_multiplexed(&source->white);
     r->f = calloc(n_f, sizeof *r->f);
-    r->v_rows = calloc((size_t)r->n * n_v, sizeof *r->v_rows);
+    r->v_rows = calloc((size_t)r->n * n_v * (r->squares ? 2 : 1), sizeof *r->v_rows);
     r->f_rows = calloc((size_t)r->n * n_f, sizeof *r->f_rows);
     if (!r->f || !r->v_rows || !r->f_rows)
         return ls_fail(diag, LS_ERR_NOMEM, "out of memory for %u ratios", r->n);
@@ -205,6 +221,7 @@ static enum ls_err run_ratios(struct ratios *r, float **maps, struct ls_diag *di
                                      .v = paper ? source->field.sphere : source->white.pictures,
                                      .f = r->f,
                                      .v_rows = r->v_rows,
+                                     .squares = r->squares,
                                      .f_rows = r->f_rows,
                                      .neutral = (const double(*)[3])r->neutral,
                                      .maps = maps};
@@ -272,6 +289,7 @@ static void choose_inputs(const struct ls_field_source *source, struct ls_linear
     for (uint32_t s = 0; s < field->n_spectra; s++) {
         const struct ls_light_set *set = s ? &source->set[source->channel_of[s]] : &source->white;
         if (s == job->s || set->n_found == 0 || set->n_found < set->n_pictures ||
+            ls_light_set_ready(source, set, NULL) ||
             (job->n_sets + 1) * colours > LS_LINEAR_MAX_INPUTS)
             continue;
         for (uint32_t c = 0; c < colours; c++)

@@ -119,23 +119,17 @@ static void fill_polarised(struct ls_field_source *source, const struct ls_calib
     }
 }
 
-static void fill_set(const struct ls_field_source *source, struct ls_light_set *set,
-                     uint32_t channel, uint32_t at)
+static void fill_set(const struct ls_field_source *source, struct ls_light_set *set)
 {
-    for (uint32_t i = 0; i < source->field.n_lights && set->k; i++)
-        set->k[at + i] = ls_field_source_gain(source, channel, i);
+    for (uint32_t g = 0; g < set->n_groups; g++)
+        set->group[g].k = source->k_all + (size_t)set->group[g].channel * source->facts->n_lights;
 }
 
 static void fill_sets(struct ls_field_source *source)
 {
     for (uint32_t c = 0; c < source->facts->n_channels; c++)
-        fill_set(source, &source->set[c], c, 0);
-    if (!source->white_is_polarised) {
-        fill_set(source, &source->white, source->channel_of[0], 0);
-        return;
-    }
-    fill_set(source, &source->white, (uint32_t)source->vertical, 0);
-    fill_set(source, &source->white, (uint32_t)source->horizontal, source->field.n_lights);
+        fill_set(source, &source->set[c]);
+    fill_set(source, &source->white);
 }
 
 /* A sphere at a duty nobody calibrated would be silently scaled: it is not there at all. */

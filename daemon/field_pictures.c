@@ -1,6 +1,7 @@
 #include "daemon/field_pictures.h"
 
 #include "core/half.h"
+#include "daemon/field_multiplex.h"
 
 #include <stdlib.h>
 #include <string.h>
@@ -54,7 +55,8 @@ static void find(const struct ls_field_source *source, struct found found[LS_MAX
         const struct ls_condition_fact *fact = &source->facts->conditions[i];
         if (!shows_lights(fact))
             continue;
-        found[fact->channel].planned_one |= fact->kind == LS_FACT_ONE;
+        found[fact->channel].planned_one |=
+            fact->kind == LS_FACT_ONE || fact->kind == LS_FACT_MULTIPLEX;
         found[fact->channel].any |= source->maps[i].base != NULL;
     }
 }
@@ -120,8 +122,7 @@ static enum ls_err set_init(struct ls_field_source *source, struct ls_light_set 
     set->n_pictures = n;
     set->pictures = calloc(n, sizeof *set->pictures);
     set->tile_max = calloc((size_t)n_tiles(source) * n, sizeof *set->tile_max);
-    set->k = calloc(n, sizeof *set->k);
-    if (!set->pictures || !set->tile_max || !set->k)
+    if (!set->pictures || !set->tile_max)
         return out_of_memory(diag);
     for (uint32_t j = 0; j < n; j++)
         set->pictures[j].tiles = source->no_tiles;
@@ -135,65 +136,91 @@ static const void *const *tiles_of(const struct ls_picture_map *map)
 
 static enum ls_err set_add(struct ls_field_source *source, struct ls_light_set *set,
                            const struct ls_picture_map *map, const struct ls_published *p,
-                           uint32_t light, struct ls_diag *diag)
+                           uint32_t at, struct ls_diag *diag)
 {
     uint32_t n = n_tiles(source);
     if (p->n_tiles != n)
         return ls_fail(diag, LS_ERR_INVALID, "%s: the journal has %u tiles, expected %u", p->file,
                        p->n_tiles, n);
-    set->n_found += set->pictures[light].tiles == source->no_tiles;
-    set->pictures[light].tiles = tiles_of(map);
+    set->n_found += set->pictures[at].tiles == source->no_tiles;
+    set->pictures[at].tiles = tiles_of(map);
     for (uint32_t t = 0; t < n; t++)
-        set->tile_max[(size_t)t * set->n_pictures + light] =
+        set->tile_max[(size_t)t * set->n_pictures + at] =
             ls_half_to_float((uint16_t)p->tile_max[t]);
     return LS_OK;
 }
 
-static enum ls_err gather_sets(struct ls_field_source *source, const struct ls_takedir *take,
-                               struct ls_diag *diag)
+/* Light by light where every light was planned so or nothing else was, else multiplexed. */
+static enum ls_err open_set(struct ls_field_source *source, uint32_t channel, struct ls_diag *diag)
 {
-    enum ls_err err = LS_OK;
-    for (uint32_t i = 0; i < source->facts->n_conditions && !err; i++) {
+    struct ls_light_set *set = &source->set[channel];
+    struct ls_light_group *group = &set->group[0];
+    enum ls_err err = ls_field_multiplex_find(source, channel, group, diag);
+    if (err)
+        return err;
+    bool one = ls_field_source_planned(source, LS_FACT_ONE, channel, -1);
+    if (!group->order && !one)
+        return LS_OK;
+    *group = (struct ls_light_group){
+        .channel = channel,
+        .order = group->order,
+        .duty = group->duty,
+        .scale = group->scale,
+        .n = group->order ? group->order : source->field.n_lights,
+    };
+    set->n_groups = 1;
+    return set_init(source, set, group->n, diag);
+}
+
+static enum ls_err gather_set(struct ls_field_source *source, const struct ls_takedir *take,
+                              uint32_t channel, struct ls_diag *diag)
+{
+    struct ls_light_set *set = &source->set[channel];
+    enum ls_err err = open_set(source, channel, diag);
+    for (uint32_t i = 0; i < source->facts->n_conditions && !err && set->pictures; i++) {
         const struct ls_condition_fact *fact = &source->facts->conditions[i];
-        struct ls_light_set *set = &source->set[fact->channel];
-        if (fact->kind != LS_FACT_ONE || !source->maps[i].base)
+        bool row = set->group[0].order > 0;
+        if (fact->channel != channel || !source->maps[i].base ||
+            fact->kind != (row ? LS_FACT_MULTIPLEX : LS_FACT_ONE) ||
+            (row && !ls_field_multiplex_belongs(set->group, fact)))
             continue;
-        if (!set->pictures)
-            err = set_init(source, set, source->field.n_lights, diag);
-        if (!err)
-            err = set_add(source, set, &source->maps[i],
-                          ls_takedir_find(take, fact->id, source->camera), fact->light, diag);
+        err = set_add(source, set, &source->maps[i],
+                      ls_takedir_find(take, fact->id, source->camera),
+                      row ? fact->part : fact->light, diag);
     }
     return err;
 }
 
 /* Pictures of @from behind those already in white. */
-static void append(struct ls_field_source *source, const struct ls_light_set *from, uint32_t at)
+static void append(struct ls_field_source *source, const struct ls_light_set *from)
 {
     struct ls_light_set *white = &source->white;
-    if (!from->pictures)
-        return;
-    memcpy(white->pictures + at, from->pictures, from->n_pictures * sizeof *white->pictures);
+    struct ls_light_group *group = &white->group[white->n_groups];
+    *group = from->group[0];
+    if (white->n_groups > 0)
+        group->first = group[-1].first + group[-1].n;
+    white->n_groups++;
+    memcpy(white->pictures + group->first, from->pictures, group->n * sizeof *white->pictures);
     white->n_found += from->n_found;
     for (uint32_t t = 0; t < n_tiles(source); t++)
-        memcpy(white->tile_max + (size_t)t * white->n_pictures + at,
-               from->tile_max + (size_t)t * from->n_pictures,
-               from->n_pictures * sizeof *white->tile_max);
+        memcpy(white->tile_max + (size_t)t * white->n_pictures + group->first,
+               from->tile_max + (size_t)t * group->n, group->n * sizeof *white->tile_max);
 }
 
 static enum ls_err gather_white(struct ls_field_source *source, struct ls_diag *diag)
 {
-    uint32_t n = source->field.n_lights;
-    enum ls_err err =
-        set_init(source, &source->white, source->white_is_polarised ? 2 * n : n, diag);
+    const struct ls_light_set *first = &source->set[source->channel_of[0]], *second = NULL;
+    if (source->white_is_polarised) {
+        first = &source->set[source->vertical];
+        second = &source->set[source->horizontal];
+    }
+    enum ls_err err = set_init(source, &source->white,
+                               first->n_pictures + (second ? second->n_pictures : 0), diag);
     if (err)
         return err;
-    if (source->white_is_polarised) {
-        append(source, &source->set[source->vertical], 0);
-        append(source, &source->set[source->horizontal], n);
-    } else {
-        append(source, &source->set[source->channel_of[0]], 0);
-    }
+    append(source, first);
+    if (second)
+        append(source, second);
     source->field.white = source->white.pictures;
     return LS_OK;
 }
@@ -213,7 +240,9 @@ enum ls_err ls_field_pictures_gather(struct ls_field_source *source, const struc
         source->sphere[s].tiles = map ? tiles_of(map) : source->no_tiles;
     }
     field->sphere = source->sphere;
-    enum ls_err err = gather_sets(source, take, diag);
+    enum ls_err err = LS_OK;
+    for (uint32_t c = 0; c < source->facts->n_channels && !err; c++)
+        err = gather_set(source, take, c, diag);
     return err ? err : gather_white(source, diag);
 }
 
@@ -221,15 +250,16 @@ static void set_free(struct ls_light_set *set)
 {
     free(set->pictures);
     free(set->tile_max);
-    free(set->k);
 }
 
 void ls_field_pictures_free(struct ls_field_source *source)
 {
     for (uint32_t i = 0; source->maps && i < source->facts->n_conditions; i++)
         ls_picture_map_finish(&source->maps[i]);
-    for (uint32_t c = 0; c < LS_MAX_CHANNELS; c++)
+    for (uint32_t c = 0; c < LS_MAX_CHANNELS; c++) {
         set_free(&source->set[c]);
+        free(source->set[c].group[0].scale); /* white's are the same */
+    }
     set_free(&source->white);
     free(source->maps);
     free(source->sphere);

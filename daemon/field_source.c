@@ -1,6 +1,7 @@
 #include "daemon/field_source.h"
 
 #include "daemon/field_maps.h"
+#include "daemon/field_multiplex.h"
 #include "daemon/field_numbers.h"
 #include "daemon/field_pictures.h"
 #include "daemon/takedir.h"
@@ -60,13 +61,6 @@ double ls_field_source_factor(const struct ls_field_source *source,
     return ls_calibration_factor(cal, (uint32_t)channel, fact->pattern, fact->duty) / fact->duty;
 }
 
-void ls_light_set_row(const struct ls_light_set *set, const double *w, uint32_t n_lights,
-                      float *row)
-{
-    for (uint32_t j = 0; j < set->n_pictures; j++)
-        row[j] = (float)((w ? w[j % n_lights] : 1) * set->k[j]);
-}
-
 /* ---- life ---- */
 
 static enum ls_err fill_field(struct ls_field_source *source, const struct ls_takedir *take,
@@ -83,6 +77,8 @@ static enum ls_err fill_field(struct ls_field_source *source, const struct ls_ta
         err = ls_field_pictures_gather(source, take, diag);
     if (!err)
         err = ls_field_numbers_fill(source, diag);
+    if (!err)
+        err = ls_field_multiplex_check(source, diag);
     return err ? err : ls_field_check(field, diag);
 }
 

@@ -4,8 +4,8 @@
  * Layer: daemon. Threads: opened by one; then read-only except for its maps (daemon/field_maps.h),
  * which any thread may ask for. Ownership: the source owns everything it points at.
  *
- * A take may hold, of any channel: each light by itself, the full sphere, segments of the dome, the
- * head light. Spectra of the field are the channels of kind spectrum of which it holds any of
+ * A take may hold, of any channel: each light by itself or the rows of an S-matrix that stand for
+ * them (daemon/light_set.h), the full sphere, segments of the dome, the head light. Spectra of the field are the channels of kind spectrum of which it holds any of
  * these, white first. White is the first channel photographed light by light; in a take whose
  * lights were photographed behind polarisers only, it is the sum of the two, V + H.
  *
@@ -17,6 +17,7 @@
 
 #include "core/error.h"
 #include "core/field.h"
+#include "core/multiplex.h"
 #include "daemon/picture_map.h"
 #include "daemon/take_facts.h"
 
@@ -24,13 +25,27 @@
 #include <stdbool.h>
 #include <stdint.h>
 
-/** The pictures of single lights that are summed with one weight per light. White behind polarisers
- * has two pictures per light; picture j shows light j % lights of the rig. */
+/** Pictures of a set that together stand for each light of the rig, of one channel. */
+struct ls_light_group {
+    uint32_t channel;  /* of facts */
+    uint32_t first, n; /* pictures of the set */
+    uint32_t order;    /* 0: picture first + i shows light i; else first + j shows row j of the
+                          S-matrix of that order (core/multiplex.h) */
+    double duty;       /* of the rows */
+    double *scale;     /* [order] factor / duty of each row; 0 where it is not calibrated */
+    const double *k;   /* [n_lights] */
+    const struct ls_multiplex_spare *spare; /* what the spare column reads; NULL where it could not
+                                               be looked at */
+};
+
+/** Pictures whose sum under any weights of lights can be had. White behind polarisers has two
+ * groups. */
 struct ls_light_set {
+    uint32_t n_groups;
+    struct ls_light_group group[2];
     uint32_t n_pictures, n_found; /* n_found 0: not photographed */
     struct ls_picture *pictures;  /* [n_pictures]; no_tiles where there is none */
     float *tile_max;              /* [tiles_y * tiles_x][n_pictures] */
-    double *k;                    /* [n_pictures] */
 };
 
 struct ls_field_maps;
@@ -48,6 +63,7 @@ struct ls_field_source {
     bool has_sphere[LS_FIELD_MAX_SPECTRA];     /* photographed, and its factor calibrated */
     struct ls_light_set set[LS_MAX_CHANNELS];  /* by channel of facts */
     struct ls_light_set white;
+    struct ls_multiplex_spare spare[LS_MAX_CHANNELS];
     bool white_is_polarised;      /* V + H */
     int32_t vertical, horizontal; /* channels V and H of kind polariser, else the rig's first and
                                      second of that kind; or -1 */
@@ -90,10 +106,6 @@ bool ls_field_source_planned(const struct ls_field_source *source, enum ls_fact_
  * factor / duty. 0 where the take is calibrated and this pattern at this duty is not. */
 double ls_field_source_factor(const struct ls_field_source *source,
                               const struct ls_condition_fact *fact);
-
-/** row[j] = w[light of j] k[j], for ls_accumulate. @w NULL = 1. */
-void ls_light_set_row(const struct ls_light_set *set, const double *w, uint32_t n_lights,
-                      float *row);
 
 /** Could every picture be read so far and, if @sizes, is every file still as long as it was? Ask
  * after each piece of work on the pictures and trust the work only then. LS_ERR_INVALID names the

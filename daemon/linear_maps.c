@@ -1,6 +1,7 @@
 #include "daemon/linear_maps.h"
 
 #include "core/mono_blend.h"
+#include "daemon/light_set.h"
 #include "daemon/row_sums.h"
 
 #include <math.h>
@@ -49,46 +50,78 @@ static struct band band_at(const struct pass *pass, uint32_t y0)
 
 /* ---- weights and noise ---- */
 
+/* Weights of the lights of segment @q, of all of them blended (phi), or of all (neither): the
+ * spectrum's strengths. */
+static void fill_lights(const struct ls_linear_job *job, uint32_t q, const double *phi, double *w)
+{
+    const double *g = job->field->g + (size_t)job->s * job->field->n_lights;
+    for (uint32_t i = 0; i < job->field->n_lights; i++)
+        w[i] = g[i] * (phi                           ? phi[(size_t)i * job->n_segments + q]
+                       : q < job->n_segments ? job->segment[i] == q
+                                             : 1);
+}
+
 /* V_g: lights of segment g under the spectrum's strengths; U_g: all lights, blended too. */
-static void fill_v_rows(const struct pass *pass, uint32_t k)
+static enum ls_err fill_v_rows(const struct pass *pass, uint32_t k, double *w, struct ls_diag *diag)
 {
     const struct ls_linear_job *job = pass->job;
     const struct ls_light_set *set = job->set[k];
-    const double *g = job->field->g + (size_t)job->s * job->field->n_lights;
-    for (uint32_t j = 0; j < set->n_pictures; j++) {
-        uint32_t i = j % job->field->n_lights;
-        double w = g[i] * set->k[j];
-        pass->v_rows[k][(size_t)job->segment[i] * set->n_pictures + j] = (float)w;
-        for (uint32_t q = 0; q < job->n_segments && job->phi; q++)
-            pass->v_rows[k][(size_t)(job->n_segments + q) * set->n_pictures + j] =
-                (float)(w * job->phi[(size_t)i * job->n_segments + q]);
+    uint32_t n_lights = job->field->n_lights;
+    enum ls_err err = LS_OK;
+    for (uint32_t q = 0; q < job->n_segments && !err; q++) {
+        float *row = pass->v_rows[k] + (size_t)q * set->n_pictures;
+        fill_lights(job, q, NULL, w);
+        err = ls_light_set_row(set, w, n_lights, row, diag);
+        if (err || !job->phi)
+            continue;
+        fill_lights(job, q, job->phi, w);
+        err = ls_light_set_row(set, w, n_lights, row + (size_t)job->n_segments * set->n_pictures,
+                               diag);
     }
+    return err;
 }
 
-static struct ls_linear_noise noise_of(const struct ls_field *field, const float *rows,
-                                       uint32_t n_rows, uint32_t n)
+static struct ls_linear_noise noise_of(const struct ls_field *field, const float *row, uint32_t n)
 {
     double squares = 0, sum = 0, largest = 0;
-    for (size_t j = 0; j < (size_t)n_rows * n; j++) {
-        squares += (double)rows[j] * (double)rows[j];
-        sum += (double)rows[j];
-        largest = fmax(largest, (double)rows[j]);
+    for (size_t j = 0; j < n; j++) {
+        squares += (double)row[j] * (double)row[j];
+        sum += (double)row[j];
+        largest = fmax(largest, (double)row[j]);
     }
     return (struct ls_linear_noise){field->noise.read_variance * squares +
                                         field->noise.dark_variance * sum * sum,
                                     field->noise.shot * largest};
 }
 
-static void fill_noise(struct pass *pass)
+/* Of V under @w: multiplexed pictures have the shot noise of every light, all taken to be alike. */
+static struct ls_linear_noise v_noise_of(const struct ls_linear_job *job, const double *w,
+                                         const float *row)
+{
+    const struct ls_light_set *set = job->set[0];
+    struct ls_linear_noise noise = noise_of(job->field, row, set->n_pictures);
+    if (ls_light_set_is_multiplexed(set))
+        noise.shot = job->field->noise.shot *
+                     ls_light_set_shot(set, w, job->field->n_lights, row);
+    return noise;
+}
+
+static enum ls_err fill_noise(struct pass *pass, double *w, struct ls_diag *diag)
 {
     const struct ls_linear_job *job = pass->job;
     uint32_t n = job->set[0]->n_pictures, n_segments = job->n_segments;
+    LS_CLEANUP_FREE float *all = calloc(n, sizeof *all);
+    if (!all)
+        return ls_fail(diag, LS_ERR_NOMEM, "out of memory for the weights of %u pictures", n);
     for (uint32_t q = 0; q < n_segments; q++) {
-        pass->v_noise[q] = noise_of(job->field, pass->v_rows[0] + (size_t)q * n, 1, n);
-        pass->f_noise[q] =
-            noise_of(job->field, pass->f_rows + (size_t)q * n_segments, 1, n_segments);
+        fill_lights(job, q, NULL, w);
+        pass->v_noise[q] = v_noise_of(job, w, pass->v_rows[0] + (size_t)q * n);
+        pass->f_noise[q] = noise_of(job->field, pass->f_rows + (size_t)q * n_segments, n_segments);
     }
-    pass->total_noise = noise_of(job->field, pass->v_rows[0], n_segments, n);
+    fill_lights(job, n_segments, NULL, w);
+    enum ls_err err = ls_light_set_row(job->set[0], w, job->field->n_lights, all, diag);
+    pass->total_noise = v_noise_of(job, w, all);
+    return err;
 }
 
 /* ---- life ---- */
@@ -173,8 +206,11 @@ static enum ls_err pass_init(struct pass *pass, struct ls_diag *diag)
                        job->n_segments);
     for (uint32_t q = 0; q < job->n_segments; q++)
         pass->f_rows[(size_t)q * job->n_segments + q] = (float)job->factor[q];
-    for (uint32_t k = 0; k < job->n_sets; k++) {
-        fill_v_rows(pass, k);
+    LS_CLEANUP_FREE double *w = calloc(job->field->n_lights, sizeof *w);
+    enum ls_err err =
+        w ? LS_OK : ls_fail(diag, LS_ERR_NOMEM, "out of memory for the weights of lights");
+    for (uint32_t k = 0; k < job->n_sets && !err; k++) {
+        err = fill_v_rows(pass, k, w, diag);
         const struct ls_accumulate_job v = {.pictures = job->set[k]->pictures,
                                             .n_pictures = job->set[k]->n_pictures,
                                             .n_sums = job->n_segments * (job->phi ? 2 : 1),
@@ -186,8 +222,7 @@ static enum ls_err pass_init(struct pass *pass, struct ls_diag *diag)
                                         .n_sums = job->n_segments,
                                         .weights = pass->f_rows};
     ls_row_sums_init(&pass->f, job->field, &f, &whole, 0);
-    fill_noise(pass);
-    return LS_OK;
+    return err ? err : fill_noise(pass, w, diag);
 }
 
 /* ---- bands ---- */

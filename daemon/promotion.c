@@ -1,8 +1,10 @@
 #include "daemon/promotion.h"
 
+#include "daemon/light_set.h"
 #include "daemon/separation.h"
 #include "proto/models.h"
 
+#include <math.h>
 #include <stdio.h>
 #include <string.h>
 
@@ -66,7 +68,8 @@ static enum ls_err not_measured(const struct ls_field_source *source, uint32_t c
                                 struct ls_diag *diag)
 {
     const char *name = source->facts->channels[channel].name;
-    if (ls_field_source_planned(source, LS_FACT_ONE, channel, -1))
+    if (ls_field_source_planned(source, LS_FACT_ONE, channel, -1) ||
+        ls_field_source_planned(source, LS_FACT_MULTIPLEX, channel, -1))
         return ls_fail(diag, LS_ERR_STATE, "take %s has no picture of a single light under %s yet",
                        source->take, name);
     return ls_fail(diag, LS_ERR_NOT_FOUND,
@@ -91,7 +94,7 @@ static enum ls_err choose(const struct ls_field_source *source,
     *out = (struct ls_way){.channel = channel, .spectrum = s < 0 ? 0 : (uint32_t)s};
     out->set = photographed(source, promotion, channel);
     if (out->set)
-        return LS_OK;
+        return ls_light_set_ready(source, out->set, diag);
     if (promotion->model == LIGHTSTAGE__MODEL__MEASURED)
         return not_measured(source, channel, diag);
     if (source->facts->channels[channel].polariser)
@@ -149,11 +152,28 @@ enum ls_err ls_promotion_find(struct ls_field_source *source, const struct ls_pr
     return err;
 }
 
+/* The worse of two groups. */
+static void report_multiplexed(const struct ls_field_source *source, const struct ls_way *way,
+                               Lightstage__SpectrumReport *out)
+{
+    const struct ls_light_set *set = way->set ? way->set : &source->white;
+    for (uint32_t g = 0; g < set->n_groups; g++) {
+        const struct ls_multiplex_spare *spare = set->group[g].spare;
+        if (set->group[g].order > 0)
+            out->multiplexed = set->group[g].order;
+        if (spare && fabs(spare->mean) >= out->spare_deviation * spare->sigma) {
+            out->spare_deviation = spare->sigma > 0 ? fabs(spare->mean) / spare->sigma : 0;
+            out->spare_alarm |= spare->alarm;
+        }
+    }
+}
+
 void ls_promotion_report(const struct ls_field_source *source, const struct ls_promotion *promotion,
                          const struct ls_way *way, Lightstage__SpectrumReport *out)
 {
     lightstage__spectrum_report__init(out);
     out->channel = (char *)source->facts->channels[way->channel].name;
+    report_multiplexed(source, way, out);
     if (way->kind == LS_WAY_PHOTOGRAPHED)
         return;
     out->model = promotion->model;

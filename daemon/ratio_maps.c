@@ -58,7 +58,8 @@ static enum ls_err pass_init(struct pass *pass, struct ls_diag *diag)
     const struct ls_field *field = pass->field;
     const struct ls_ratio_job *job = pass->job;
     const struct ls_accumulate_job v = {
-        .pictures = job->v, .n_pictures = job->n_v, .n_sums = job->n, .weights = job->v_rows};
+        .pictures = job->v, .n_pictures = job->n_v, .n_sums = job->squares ? 2 * job->n : job->n,
+        .weights = job->v_rows};
     const struct ls_accumulate_job f = {
         .pictures = job->f, .n_pictures = job->n_f, .n_sums = job->n, .weights = job->f_rows};
     const struct ls_demosaic_region whole = {0, 0, field->width, field->height};
@@ -72,6 +73,22 @@ static enum ls_err pass_init(struct pass *pass, struct ls_diag *diag)
     if (!pass->v_rgb || !pass->f_rgb || !pass->sigma || !pass->ratio)
         return ls_fail(diag, LS_ERR_NOMEM, "out of memory for the promotion of %u spectra", job->n);
     return LS_OK;
+}
+
+/* Of V, whose light is V itself or a sum of its own. */
+static enum ls_err fill_sigma(struct pass *pass, const struct band *band, uint32_t q, size_t n)
+{
+    const struct ls_ratio_job *job = pass->job;
+    const float *row = job->v_rows + (size_t)q * job->n_v;
+    enum ls_err err = LS_OK;
+    if (!job->squares) {
+        ls_promote_sigma(pass->field, row, job->n_v, pass->v_rgb, n, pass->sigma);
+        return LS_OK;
+    }
+    err = ls_relight_demosaic(pass->field, ls_row_sums_get(&pass->v, job->n + q), pass->v.window,
+                              band->padded, pass->ratio);
+    ls_promote_sigma_light(pass->field, row, job->n_v, pass->ratio, n, pass->sigma);
+    return err;
 }
 
 static enum ls_err one_ratio(struct pass *pass, const struct band *band, uint32_t q,
@@ -89,8 +106,9 @@ static enum ls_err one_ratio(struct pass *pass, const struct band *band, uint32_
                                   pass->f_rgb);
     if (err)
         return ls_fail(diag, err, "rows %u to %u cannot be demosaiced", band->top, band->end);
-    ls_promote_sigma(field, job->v_rows + (size_t)q * job->n_v, job->n_v, pass->v_rgb, n,
-                     pass->sigma);
+    err = fill_sigma(pass, band, q, n);
+    if (err)
+        return ls_fail(diag, err, "rows %u to %u cannot be demosaiced", band->top, band->end);
     if (colours > 1)
         ls_promote_add_contrast(pass->v_rgb, band->padded.width, band->padded.height, colours,
                                 pass->sigma);

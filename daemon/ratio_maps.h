@@ -12,6 +12,7 @@
 #include "core/error.h"
 #include "core/field.h"
 
+#include <stdbool.h>
 #include <stdint.h>
 
 /** Ratio q = sum_j f_rows[q][j] f[j] / sum_j v_rows[q][j] v[j]. */
@@ -19,6 +20,8 @@ struct ls_ratio_job {
     uint32_t n, n_v, n_f;
     const struct ls_picture *v, *f; /* [n_v], [n_f] */
     const float *v_rows, *f_rows;   /* [n][n_v], [n][n_f] */
+    bool squares; /* v_rows is [2 n][n_v]: behind the weights stand their squares, whose sum is the
+                     light that V has its shot noise of; without them it is V */
     const double (*neutral)[3];     /* [n], p(s,c) / p(0,c) */
     float **maps;                   /* [n] -> [height][width][n_channels] */
 };

@@ -1,5 +1,6 @@
 #include "daemon/render.h"
 
+#include "daemon/light_set.h"
 #include "daemon/render_band.h"
 
 #include <math.h>
@@ -45,11 +46,12 @@ static enum ls_err add_sum(struct ls_render *render, const struct ls_light_set *
         return ls_fail(diag, LS_ERR_NOMEM, "out of memory for the weights of %u lights", n);
     stream->weights = grown;
     float *row = grown + (size_t)stream->n++ * set->n_pictures;
-    for (uint32_t j = 0; j < set->n_pictures; j++) {
-        double blend = phi ? phi[(size_t)(j % n) * stride] : 1;
-        row[j] = (float)(w[j % n] * blend * set->k[j]);
-    }
-    return LS_OK;
+    LS_CLEANUP_FREE double *blended = malloc(n * sizeof *blended);
+    if (!blended)
+        return ls_fail(diag, LS_ERR_NOMEM, "out of memory for the weights of %u lights", n);
+    for (uint32_t i = 0; i < n; i++)
+        blended[i] = w[i] * (phi ? phi[(size_t)i * stride] : 1);
+    return ls_light_set_row(set, blended, n, row, diag);
 }
 
 static enum ls_err add_inputs(struct ls_render *render, struct ls_render_part *part,
@@ -144,7 +146,7 @@ static enum ls_err check_stream(const struct ls_render *render,
     for (uint32_t j = 0; j < stream->set->n_pictures; j++)
         if (stream->set->pictures[j].tiles == source->no_tiles && weighs(stream, j) &&
             missing++ == 0)
-            first = j % source->field.n_lights;
+            first = j % source->field.n_lights; /* multiplexed sets have all they need */
     if (missing > 0)
         return ls_fail(diag, LS_ERR_STATE,
                        "take %s lacks the pictures of %u lights that this light needs (light %u is "
@@ -216,6 +218,7 @@ enum ls_err ls_render_open(struct ls_field_source *source, const struct ls_rende
     render->source = source;
     render->promotion = job->promotion;
     render->region = job->region;
+    render->mosaic = job->mosaic;
     render->n_pictures = job->n_pictures;
     render->next_y = job->region.y;
     render->lights_used = count_lights(job, source->field.n_lights);
@@ -227,6 +230,9 @@ enum ls_err ls_render_open(struct ls_field_source *source, const struct ls_rende
     }
     for (uint32_t k = 0; k < render->n_streams && !err; k++)
         err = check_stream(render, &render->streams[k], diag);
+    if (!err && job->mosaic &&
+        (render->n_parts != 1 || render->parts[0].way.kind != LS_WAY_PHOTOGRAPHED))
+        err = ls_fail(diag, LS_ERR_UNSUPPORTED, "what is promoted has no mosaic");
     if (err) {
         ls_render_close(render);
         return err;

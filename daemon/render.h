@@ -34,6 +34,7 @@ struct ls_render_job {
     uint32_t n_terms, n_pictures;
     struct ls_demosaic_region region; /* inside the picture */
     double max_error; /* what may be left out of each picture and pixel, in R before promotion */
+    bool mosaic; /* one term, photographed: the sum before demosaicing */
     const struct ls_job *asker; /* open stops between maps once it is cancelled; or NULL */
 };
 
@@ -43,7 +44,8 @@ struct ls_render;
  * Choose ways and make what maps they need, which may take long. A term whose weights are all 0 is
  * dropped: it needs no pictures. Errors: those of ls_promotion_find; LS_ERR_STATE (lights that
  * shine lack their pictures: the sentence counts them), LS_ERR_LIMIT (too many sums),
- * LS_ERR_ABORTED (cancelled), LS_ERR_NOMEM. *out: (transfer full).
+ * LS_ERR_ABORTED (cancelled), LS_ERR_UNSUPPORTED (no mosaic of what
+ * is promoted), LS_ERR_NOMEM. *out: (transfer full).
  */
 LS_MUST_CHECK enum ls_err ls_render_open(struct ls_field_source *source,
                                          const struct ls_render_job *job, struct ls_render **out,
@@ -51,7 +53,7 @@ LS_MUST_CHECK enum ls_err ls_render_open(struct ls_field_source *source,
 
 /**
  * Do a piece of work; when a band is complete, *pixels is
- * [n_pictures][band->height][band->width][3] (mono: the same value three times), (transfer full),
+ * [n_pictures][band->height][band->width][3] (mono and mosaic: the same value three times), (transfer full),
  * free(), else NULL. Camera RGB, in R's unit. *done with the last band. LS_ERR_INVALID,
  * LS_ERR_NOMEM. Whether the pictures could be read is the caller's to ask (ls_field_source_sound).
  */

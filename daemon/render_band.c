@@ -257,6 +257,22 @@ static enum ls_err finish_all_separated(struct ls_render *render, struct ls_demo
     return err;
 }
 
+/* ---- not demosaiced ---- */
+
+static void finish_mosaic(const struct ls_render *render, struct ls_demosaic_region band,
+                          float *picture)
+{
+    const struct ls_render_sum sum = render->parts[0].sums[0];
+    const struct ls_demosaic_region window = window_of(render, sum);
+    float scale = (float)render->source->field.scale;
+    for (uint32_t y = 0; y < band.height; y++) {
+        const float *from = sum_at(render, sum) +
+                            (size_t)(band.y + y - window.y) * window.width + (band.x - window.x);
+        for (uint32_t x = 0; x < band.width; x++, picture += 3)
+            picture[0] = picture[1] = picture[2] = scale * from[x];
+    }
+}
+
 /* ---- all of it ---- */
 
 enum ls_err ls_render_make_band(struct ls_render *render, struct ls_demosaic_region band,
@@ -266,7 +282,11 @@ enum ls_err ls_render_make_band(struct ls_render *render, struct ls_demosaic_reg
     LS_CLEANUP_FREE float *out = calloc(3 * n * render->n_pictures, sizeof *out);
     if (!out)
         return out_of_memory(diag);
-    enum ls_err err = finish_direct(render, band, out, diag);
+    enum ls_err err = LS_OK;
+    if (render->mosaic)
+        finish_mosaic(render, band, out);
+    else
+        err = finish_direct(render, band, out, diag);
     for (uint32_t k = 0; k < render->n_parts && !err; k++) {
         const struct ls_render_part *part = &render->parts[k];
         if (part->way.kind == LS_WAY_MATRIX && !is_plain_matrix(render, part))

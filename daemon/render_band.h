@@ -37,6 +37,7 @@ struct ls_render {
     struct ls_promotion promotion;
     struct ls_demosaic_region region;
     uint32_t n_pictures, next_y, lights_used;
+    bool mosaic;
     double error_scale; /* error of one sum, stored, to that of a picture */
 
     struct ls_render_stream streams[LS_MAX_CHANNELS + 1]; /* white, and each channel */

@@ -98,11 +98,20 @@ static enum ls_err read_camera(struct ls_take_facts *facts, const json_t *rig, u
     return LS_OK;
 }
 
+static void read_controller(struct ls_take_facts *facts, const json_t *rig)
+{
+    json_int_t levels =
+        json_integer_value(json_object_get(json_object_get(rig, "controller"), "pwm_levels"));
+    facts->pwm_levels = levels > 0 && levels <= UINT32_MAX ? (uint32_t)levels : 0;
+}
+
 /* Lit together as one part of the dome; other lists of lights belong to bases. */
 static enum ls_fact_kind kind_of_segment(const char *pattern)
 {
     if (pattern && strcmp(pattern, "headlight") == 0)
         return LS_FACT_HEADLIGHT;
+    if (pattern && strcmp(pattern, "multiplex") == 0)
+        return LS_FACT_MULTIPLEX;
     bool part =
         !pattern || strncmp(pattern, "segments-", 9) == 0 || strncmp(pattern, "lights-", 7) == 0;
     return part ? LS_FACT_SEGMENT : LS_FACT_OTHER;
@@ -163,7 +172,8 @@ static enum ls_err read_lit(const struct ls_take_facts *facts, const json_t *ite
     out->light = (uint32_t)light;
     out->channel = (uint32_t)index;
     out->duty = (double)level / FULL_LEVEL;
-    if (out->kind == LS_FACT_SEGMENT || out->kind == LS_FACT_HEADLIGHT)
+    if (out->kind == LS_FACT_SEGMENT || out->kind == LS_FACT_HEADLIGHT ||
+        out->kind == LS_FACT_MULTIPLEX)
         return read_lights(facts, item, out, diag);
     return LS_OK;
 }
@@ -193,6 +203,8 @@ static enum ls_err read_condition(const struct ls_take_facts *facts, const json_
     out->kind = kind_of(json_string_value(json_object_get(item, "kind")), pattern);
     out->watch = json_is_true(json_object_get(item, "watch"));
     out->repeats = (uint32_t)json_integer_value(json_object_get(item, "repeats"));
+    out->part = (uint32_t)json_integer_value(json_object_get(item, "part"));
+    out->parts = (uint32_t)json_integer_value(json_object_get(item, "parts"));
     if (out->kind == LS_FACT_OTHER || out->kind == LS_FACT_DARK)
         return LS_OK;
     enum ls_err err = read_lit(facts, item, out, diag);
@@ -268,6 +280,8 @@ enum ls_err ls_take_facts_read(const char *take_json, uint32_t camera, struct ls
         err = read_channels(facts, rig, diag);
     if (!err)
         err = read_camera(facts, rig, camera, diag);
+    if (!err)
+        read_controller(facts, rig);
     if (!err)
         err = read_plan(facts, doc, diag);
     if (!err)

@@ -21,6 +21,7 @@ enum ls_fact_kind {
     LS_FACT_SPHERE,
     LS_FACT_SEGMENT,
     LS_FACT_HEADLIGHT,
+    LS_FACT_MULTIPLEX, /* a row of the S-matrix of core/bases.h */
 };
 
 struct ls_condition_fact {
@@ -31,8 +32,9 @@ struct ls_condition_fact {
     uint32_t channel;  /* all but DARK and OTHER; index into channels */
     double duty;       /* of full level, (0, 1] */
     char pattern[16];  /* its class in the calibration: "sphere", "segments-14", "lights-25" */
-    uint32_t *lights;  /* SEGMENT, HEADLIGHT: those lit, rows of the rig, ascending */
+    uint32_t *lights;  /* SEGMENT, HEADLIGHT, MULTIPLEX: those lit, rows of the rig, ascending */
     uint32_t n_lights; /* 0 otherwise */
+    uint32_t part, parts; /* MULTIPLEX: the row, the matrix's order */
     uint32_t repeats;
 };
 
@@ -48,6 +50,7 @@ struct ls_take_facts {
     uint32_t n_exposures;
     double exposure_s[LS_MAX_EXPOSURES];
     double reference_exposure_s;
+    uint32_t pwm_levels; /* a light's duty is a whole number of these parts; 0: not said */
     /* of the camera asked for */
     float camera_position_m[3]; /* zero where the take does not say */
     enum ls_cfa cfa;

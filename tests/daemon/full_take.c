@@ -1,5 +1,6 @@
 #include "tests/daemon/full_take.h"
 
+#include "core/bases.h"
 #include "core/envlights.h"
 #include "core/half.h"
 #include "daemon/store.h"
@@ -18,7 +19,8 @@ static const struct pattern {
     const char *name;
     int level;
     double factor;
-} patterns[] = {{"sphere", 728, 1.2}, {"segments-3", 16384, 1.05}, {"headlight", 21845, 1.03}};
+} patterns[] = {{"sphere", 728, 1.2}, {"segments-3", 16384, 1.05}, {"headlight", 21845, 1.03},
+              {"multiplex", 10922, 1.1}};
 
 static const struct pattern *pattern_of(const char *name)
 {
@@ -134,8 +136,26 @@ static json_t *patterned(const char *id, const char *kind, int channel, const ch
 
 static bool is_each(const struct full_take_options *options, int channel)
 {
-    return channel >= FULL_CV || (channel == FULL_CW && !options->polarised_only) ||
+    bool white = !options->polarised_only && !options->multiplexed;
+    return channel >= FULL_CV || (channel == FULL_CW && white) ||
            (channel == FULL_CG && options->mono_two);
+}
+
+static json_t *row_json(int row)
+{
+    uint8_t on[FULL_ORDER];
+    char id[32];
+    json_t *lights = json_array();
+    g_snprintf(id, sizeof id, "multiplex-W-%04d", row);
+    ls_multiplex_row(FULL_ORDER, (uint32_t)row, on);
+    for (int i = 0; i < FULL_LIGHTS; i++)
+        if (on[i])
+            json_array_append_new(lights, json_integer(i));
+    json_t *condition = patterned(id, "segment", FULL_CW, "multiplex");
+    json_object_set_new(condition, "lights", lights);
+    json_object_set_new(condition, "part", json_integer(row));
+    json_object_set_new(condition, "parts", json_integer(FULL_ORDER));
+    return condition;
 }
 
 static json_t *conditions_json(const struct full_take_options *options, GPtrArray *ids)
@@ -160,6 +180,8 @@ static json_t *conditions_json(const struct full_take_options *options, GPtrArra
                             lights_json(q, FULL_SEGMENTS, FULL_LIGHTS / FULL_SEGMENTS));
         add(list, ids, condition);
     }
+    for (int row = 0; row < FULL_ORDER && options->multiplexed; row++)
+        add(list, ids, row_json(row));
     json_t *head = patterned("headlight-R", "segment", FULL_CR, "headlight");
     json_object_set_new(head, "lights", lights_json(0, 1, FULL_HEAD));
     add(list, ids, head);
@@ -267,6 +289,28 @@ static void make_pixels(struct full_take *take, bool mono)
     }
 }
 
+/* The supply sags by so much per light beyond the first that rows have the factor on average. */
+static void make_rows(struct full_take *take, bool mono, float ambient)
+{
+    const struct pattern *pattern = pattern_of("multiplex");
+    double mean = FULL_LIGHTS * (FULL_ORDER + 1) / (2.0 * FULL_ORDER);
+    for (uint32_t row = 0; row < FULL_ORDER; row++) {
+        uint8_t on[FULL_ORDER];
+        int n = 0;
+        ls_multiplex_row(FULL_ORDER, row, on);
+        for (int i = 0; i < FULL_LIGHTS; i++)
+            n += on[i];
+        double droop = 1 + (pattern->factor - 1) / (mean - 1) * (n - 1);
+        for (int p = 0; p < FULL_PIXELS; p++) {
+            double sum = 0;
+            for (int i = 0; i < FULL_LIGHTS; i++)
+                sum += on[i] ? lit(take, FULL_CW, i, p, mono) : 0;
+            take->row[row][p] =
+                as_half(sum * pattern->level / 65535.0 / droop + (double)ambient);
+        }
+    }
+}
+
 /* ---- on disk ---- */
 
 static const float *pixels_of(const struct full_take *take, const char *id)
@@ -274,6 +318,8 @@ static const float *pixels_of(const struct full_take *take, const char *id)
     for (int c = 0; c < FULL_CHANNELS; c++)
         if (id[0] == names[c][0] && id[1] == '-')
             return take->light[c][atoi(id + 2)];
+    if (g_str_has_prefix(id, "multiplex-W-"))
+        return take->row[atoi(id + 12)];
     if (g_str_has_prefix(id, "segment-R-"))
         return take->segment[atoi(id + 10)];
     if (g_str_has_prefix(id, "sphere-"))
@@ -330,6 +376,8 @@ struct full_take *make_full_take(const struct full_take_options *options)
     take->scale = take->calibration->scale / reference_s;
     char *json = take_json(take->calibration, options, ids);
     make_pixels(take, options->mono);
+    if (options->multiplexed)
+        make_rows(take, options->mono, options->ambient);
     write_take(take, json, ids);
     free(json);
     g_ptr_array_unref(ids);

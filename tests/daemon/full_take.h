@@ -19,12 +19,15 @@
 
 enum { FULL_W = 150, FULL_H = 140, FULL_LIGHTS = 12, FULL_PIXELS = FULL_W * FULL_H };
 enum { FULL_CHANNELS = 5, FULL_SEGMENTS = 3, FULL_HEAD = 3 };
+enum { FULL_ORDER = 19, FULL_SPARES = FULL_ORDER - FULL_LIGHTS };
 enum full_channel { FULL_CW, FULL_CR, FULL_CG, FULL_CV, FULL_CH };
 
 struct full_take_options {
     bool mono, mono_two; /* two: G light by light too */
     bool polarised_only; /* no W light by light */
     bool sphere_factors_only;
+    bool multiplexed; /* W by rows of the S-matrix, not light by light, under a supply that sags */
+    float ambient;    /* that came after the darks: in every row */
 };
 
 struct full_take {
@@ -37,6 +40,7 @@ struct full_take {
     float sphere[FULL_CHANNELS][FULL_PIXELS]; /* W, R */
     float segment[FULL_SEGMENTS][FULL_PIXELS];
     float head[FULL_PIXELS];
+    float row[FULL_ORDER][FULL_PIXELS]; /* if multiplexed */
 };
 
 /** Light i is in segment i % FULL_SEGMENTS; the head light is lights 0 to FULL_HEAD - 1. */

@@ -98,11 +98,12 @@ static void fill_facts(struct made *made)
     facts->n_conditions = made->n;
 }
 
-static void fill_set(struct made *made, struct ls_light_set *set)
+static void fill_set(struct made *made, struct ls_light_set *set, uint32_t channel)
 {
     set->n_pictures = set->n_found = LIGHTS;
     set->pictures = calloc(LIGHTS, sizeof *set->pictures);
-    set->k = calloc(LIGHTS, sizeof *set->k);
+    set->n_groups = 1;
+    set->group[0] = (struct ls_light_group){.n = LIGHTS, .channel = channel};
     for (uint32_t i = 0; i < LIGHTS; i++)
         set->pictures[i].tiles = made->tiles;
 }
@@ -136,10 +137,10 @@ static struct made *make(void)
         source->sphere[s].tiles = made->tiles;
     }
     source->field.sphere = source->sphere;
-    fill_set(made, &source->white);
-    fill_set(made, &source->set[0]);
-    fill_set(made, &source->set[SPECTRA]);
-    fill_set(made, &source->set[SPECTRA + 1]);
+    fill_set(made, &source->white, 0);
+    fill_set(made, &source->set[0], 0);
+    fill_set(made, &source->set[SPECTRA], SPECTRA);
+    fill_set(made, &source->set[SPECTRA + 1], SPECTRA + 1);
     source->field.white = source->white.pictures;
     g_assert_cmpint(ls_field_maps_create(&source->promoted, NULL), ==, LS_OK);
     g_assert_cmpint(ls_field_numbers_fill(source, NULL), ==, LS_OK);
@@ -151,12 +152,9 @@ static void made_free(struct made *made)
     struct ls_field_source *source = &made->source;
     ls_field_maps_destroy(source->promoted);
     ls_field_numbers_free(source);
-    for (uint32_t c = 0; c < CHANNELS; c++) {
+    for (uint32_t c = 0; c < CHANNELS; c++)
         free(source->set[c].pictures);
-        free(source->set[c].k);
-    }
     free(source->white.pictures);
-    free(source->white.k);
     free(source->sphere);
     free(source->no_tiles);
     free(source->maps);

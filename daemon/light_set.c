@@ -1,0 +1,124 @@
+#include "daemon/light_set.h"
+
+#include <math.h>
+#include <stdlib.h>
+
+static void fill_single(const struct ls_light_group *group, const double *w, float *row)
+{
+    for (uint32_t i = 0; i < group->n; i++)
+        row[i] = (float)((w ? w[i] : 1) * group->k[i]);
+}
+
+static enum ls_err fill_multiplexed(const struct ls_light_group *group, const double *w,
+                                    uint32_t n_lights, float *row, struct ls_diag *diag)
+{
+    LS_CLEANUP_FREE double *gained = calloc(n_lights, sizeof *gained);
+    LS_CLEANUP_FREE double *rows = calloc(group->order, sizeof *rows);
+    if (!gained || !rows)
+        return ls_fail(diag, LS_ERR_NOMEM, "out of memory for the weights of %u lights", n_lights);
+    for (uint32_t i = 0; i < n_lights; i++)
+        gained[i] = (w ? w[i] : 1) * group->k[i];
+    enum ls_err err = ls_multiplex_weights(group->order, n_lights, 1, gained, rows, diag);
+    for (uint32_t j = 0; j < group->order && !err; j++)
+        row[j] = (float)(group->scale[j] * rows[j]);
+    return err;
+}
+
+enum ls_err ls_light_set_row(const struct ls_light_set *set, const double *w, uint32_t n_lights,
+                             float *row, struct ls_diag *diag)
+{
+    enum ls_err err = LS_OK;
+    for (uint32_t g = 0; g < set->n_groups && !err; g++) {
+        const struct ls_light_group *group = &set->group[g];
+        if (group->order > 0)
+            err = fill_multiplexed(group, w, n_lights, row + group->first, diag);
+        else
+            fill_single(group, w, row + group->first);
+    }
+    return err;
+}
+
+bool ls_light_set_is_multiplexed(const struct ls_light_set *set)
+{
+    for (uint32_t g = 0; g < set->n_groups; g++)
+        if (set->group[g].order > 0)
+            return true;
+    return false;
+}
+
+bool ls_light_set_is_summed(const struct ls_light_set *set)
+{
+    return set->n_groups > 1 || ls_light_set_is_multiplexed(set);
+}
+
+static uint32_t count_found(const struct ls_field_source *source, const struct ls_light_set *set,
+                            const struct ls_light_group *group)
+{
+    uint32_t n = 0;
+    for (uint32_t j = group->first; j < group->first + group->n; j++)
+        n += set->pictures[j].tiles != source->no_tiles;
+    return n;
+}
+
+bool ls_light_set_has(const struct ls_field_source *source, const struct ls_light_set *set,
+                      uint32_t light)
+{
+    for (uint32_t g = 0; g < set->n_groups; g++) {
+        const struct ls_light_group *group = &set->group[g];
+        bool all = group->order == 0 || count_found(source, set, group) == group->n;
+        if (!all ||
+            (group->order == 0 && set->pictures[group->first + light].tiles == source->no_tiles))
+            return false;
+    }
+    return true;
+}
+
+enum ls_err ls_light_set_ready(const struct ls_field_source *source, const struct ls_light_set *set,
+                               struct ls_diag *diag)
+{
+    for (uint32_t g = 0; g < set->n_groups; g++) {
+        const struct ls_light_group *group = &set->group[g];
+        const char *name = source->facts->channels[group->channel].name;
+        uint32_t found = group->order ? count_found(source, set, group) : group->n;
+        if (found < group->n)
+            return ls_fail(diag, LS_ERR_STATE,
+                           "take %s has %u of %u multiplexed pictures of %s: every light needs "
+                           "all of them; resume the take",
+                           source->take, found, group->n, name);
+        for (uint32_t j = 0; j < group->order; j++)
+            if (!(group->scale[j] > 0))
+                return ls_fail(diag, LS_ERR_STATE,
+                               "take %s is uncalibrated for the multiplexed pictures of %s: its "
+                               "calibration has no factor of channel %s, pattern multiplex at "
+                               "their duty; measure it (lightstagectl calibrate) and take again",
+                               source->take, name, name);
+    }
+    return LS_OK;
+}
+
+static double mean(const double *v, uint32_t n)
+{
+    double sum = 0;
+    for (uint32_t i = 0; i < n; i++)
+        sum += v[i];
+    return sum / n;
+}
+
+double ls_light_set_shot(const struct ls_light_set *set, const double *w, uint32_t n_lights,
+                         const float *row)
+{
+    double light = 0, total = 0;
+    for (uint32_t g = 0; g < set->n_groups; g++) {
+        const struct ls_light_group *group = &set->group[g];
+        double squares = 0, shown = 1; /* by a picture, in lights */
+        for (uint32_t j = group->first; j < group->first + group->n; j++)
+            squares += (double)row[j] * (double)row[j];
+        if (group->order > 0)
+            shown = n_lights * (group->order + 1.0) /
+                    (2 * group->order * mean(group->scale, group->order));
+        light += squares * shown;
+        for (uint32_t i = 0; i < n_lights; i++)
+            total += (w ? w[i] : 1) * group->k[i];
+    }
+    return total > 0 ? light / total : 0;
+}
