@@ -45,9 +45,11 @@ static enum ls_err add(const struct ls_field_source *source, uint32_t condition,
     const struct ls_condition_fact *fact = &source->facts->conditions[condition];
     if (!source->maps[condition].base)
         return missing(source, fact, diag);
-    if (out->n == LS_LINEAR_MAX_SEGMENTS)
-        return ls_fail(diag, LS_ERR_LIMIT, "take %s has more than %d segments of %s", source->take,
-                       LS_LINEAR_MAX_SEGMENTS, name_of(source, fact->channel));
+    if (out->n == LS_FIELD_MAX_SEGMENTS)
+        return ls_fail(diag, LS_ERR_LIMIT,
+                       "take %s has more than %d segments of %s: too many to fit at once; take a "
+                       "coarser division",
+                       source->take, LS_FIELD_MAX_SEGMENTS, name_of(source, fact->channel));
     out->pictures[out->n].tiles = tiles_of(&source->maps[condition]);
     out->factor[out->n] = ls_field_source_factor(source, fact);
     if (!(out->factor[out->n] > 0))

@@ -5,22 +5,26 @@
 #ifndef LS_DAEMON_FIELD_SEGMENTS_H
 #define LS_DAEMON_FIELD_SEGMENTS_H
 
-#include "core/linear.h"
+#include "core/relight.h"
 #include "daemon/field_source.h"
 
 #include <stdint.h>
 
+/* A blend sums the field twice per segment, all at once. */
+enum { LS_FIELD_MAX_SEGMENTS = LS_ACCUMULATE_MAX_SUMS / 2 };
+
 struct ls_field_segments {
     uint32_t n;
-    struct ls_picture pictures[LS_LINEAR_MAX_SEGMENTS];
-    double factor[LS_LINEAR_MAX_SEGMENTS]; /* ls_field_source_factor */
+    struct ls_picture pictures[LS_FIELD_MAX_SEGMENTS];
+    double factor[LS_FIELD_MAX_SEGMENTS]; /* ls_field_source_factor */
     uint32_t segment[LS_MAX_LIGHTS];       /* of each light */
 };
 
 /**
  * The pictures of a channel that show every light exactly once: those of one pattern "segments-N",
  * or all that name their lights; the finest such division. Errors: LS_ERR_NOT_FOUND (the plan asks
- * for none), LS_ERR_STATE (not all there, not a division, not calibrated: the sentence says).
+ * for none), LS_ERR_STATE (not all there, not a division, not calibrated: the sentence says),
+ * LS_ERR_LIMIT (more than LS_FIELD_MAX_SEGMENTS).
  */
 LS_MUST_CHECK enum ls_err ls_field_segments_find(const struct ls_field_source *source,
                                                  uint32_t channel, struct ls_field_segments *out,

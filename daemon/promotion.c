@@ -49,7 +49,7 @@ static enum ls_field_map_kind map_kind(const struct ls_promotion *promotion)
 }
 
 /* White is as it was photographed whatever the model; so is a spectrum of which each light was,
- * under MEASURED and LINEAR. */
+ * under MEASURED and LINEAR; of some lights only, LINEAR goes by the segments where there are any. */
 static const struct ls_light_set *photographed(const struct ls_field_source *source,
                                                const struct ls_promotion *promotion,
                                                uint32_t channel)
@@ -58,9 +58,12 @@ static const struct ls_light_set *photographed(const struct ls_field_source *sou
     bool measured = promotion->model == LIGHTSTAGE__MODEL__MEASURED;
     if (white && !(measured && source->white_is_polarised))
         return &source->white;
-    bool taken = source->set[channel].n_found > 0;
-    if (taken && (measured || promotion->model == LIGHTSTAGE__MODEL__LINEAR))
-        return &source->set[channel];
+    const struct ls_light_set *set = &source->set[channel];
+    bool whole = set->n_found == set->n_pictures ||
+                 !ls_field_source_planned(source, LS_FACT_SEGMENT, channel, -1);
+    if (set->n_found > 0 &&
+        (measured || (promotion->model == LIGHTSTAGE__MODEL__LINEAR && whole)))
+        return set;
     return NULL;
 }
 

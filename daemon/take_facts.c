@@ -108,7 +108,7 @@ static void read_controller(struct ls_take_facts *facts, const json_t *rig)
 /* Lit together as one part of the dome; other lists of lights belong to bases. */
 static enum ls_fact_kind kind_of_segment(const char *pattern)
 {
-    if (pattern && strcmp(pattern, "headlight") == 0)
+    if (pattern && (strcmp(pattern, "headlight") == 0 || strncmp(pattern, "headlight-", 10) == 0))
         return LS_FACT_HEADLIGHT;
     if (pattern && strcmp(pattern, "multiplex") == 0)
         return LS_FACT_MULTIPLEX;
@@ -167,7 +167,8 @@ static enum ls_err read_lit(const struct ls_take_facts *facts, const json_t *ite
     int index = channel ? ls_take_facts_channel(facts, channel) : -1;
     if (index < 0 || level < 1 || level > FULL_LEVEL)
         return wrong(diag, "plan.conditions", "channel of the rig and level 1 to 65535");
-    if (out->kind == LS_FACT_ONE && (light < 0 || light >= facts->n_lights))
+    bool row = json_is_integer(json_object_get(item, "light"));
+    if (out->kind == LS_FACT_ONE && (!row || light < 0 || light >= facts->n_lights))
         return wrong(diag, "plan.conditions.light", "a row of the rig");
     out->light = (uint32_t)light;
     out->channel = (uint32_t)index;

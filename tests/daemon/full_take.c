@@ -134,11 +134,12 @@ static json_t *patterned(const char *id, const char *kind, int channel, const ch
                      "pattern", pattern, "level", pattern_of(pattern)->level, "repeats", 1);
 }
 
-static bool is_each(const struct full_take_options *options, int channel)
+static bool is_each(const struct full_take_options *options, int channel, int light)
 {
     bool white = !options->polarised_only && !options->multiplexed;
     return channel >= FULL_CV || (channel == FULL_CW && white) ||
-           (channel == FULL_CG && options->mono_two);
+           (channel == FULL_CG && options->mono_two) ||
+           (channel == FULL_CR && options->some_red && light < FULL_HEAD);
 }
 
 static json_t *row_json(int row)
@@ -165,7 +166,7 @@ static json_t *conditions_json(const struct full_take_options *options, GPtrArra
     add(list, ids,
         json_pack("{ss ss si si}", "id", "dark-0", "kind", "dark", "repeats", 16, "exposure", 0));
     for (int c = 0; c < FULL_CHANNELS; c++)
-        for (int i = 0; i < FULL_LIGHTS && is_each(options, c); i++) {
+        for (int i = 0; i < FULL_LIGHTS && is_each(options, c, i); i++) {
             g_snprintf(id, sizeof id, "%s-%04d", names[c], i);
             add(list, ids,
                 json_pack("{ss ss si ss si si}", "id", id, "kind", "one", "light", i, "channel",

@@ -613,6 +613,22 @@ static void lights_photographed_polarised_only_make_white(struct room *room, gco
     g_free(expected);
 }
 
+/* Three lights of R were photographed; its segments show all. */
+static void segments_serve_the_lights_of_which_there_is_no_picture(struct room *room,
+                                                                   gconstpointer data)
+{
+    const struct ls_promotion linear = {.model = LIGHTSTAGE__MODEL__LINEAR};
+    struct ls_diag diag = {0};
+    struct ls_way way;
+    double w[FULL_LIGHTS] = {0};
+    w[FULL_LIGHTS - 1] = 1;
+    enum ls_err err = ls_promotion_find(room->source, &linear, FULL_CR, &way, &diag);
+    g_assert_cmpstr(diag.text, ==, "");
+    g_assert_cmpint(err, ==, LS_OK);
+    g_assert_cmpint(way.kind, ==, LS_WAY_MATRIX);
+    g_free(red_by(room, LIGHTSTAGE__MODEL__LINEAR, w));
+}
+
 /* ---- refusals ---- */
 
 static char *refusal(struct room *room, Lightstage__Model model, uint32_t channel, enum ls_err want)
@@ -673,6 +689,7 @@ int main(int argc, char **argv)
                                           polarised = {.polarised_only = true};
     static const struct full_take_options two = {.mono = true, .mono_two = true};
     static const struct full_take_options spheres = {.sphere_factors_only = true};
+    static const struct full_take_options some = {.some_red = true};
     g_test_init(&argc, &argv, NULL);
     TEST("sphere-is-core-s-ratio-of-the-full-sphere", NULL,
          sphere_is_core_s_ratio_of_the_full_sphere);
@@ -706,6 +723,8 @@ int main(int argc, char **argv)
          models_differ_where_light_depends_on_its_direction);
     TEST("lights-photographed-polarised-only-make-white", &polarised,
          lights_photographed_polarised_only_make_white);
+    TEST("segments-serve-the-lights-of-which-there-is-no-picture", &some,
+         segments_serve_the_lights_of_which_there_is_no_picture);
     TEST("a-pattern-nobody-calibrated-is-refused", &spheres,
          a_pattern_nobody_calibrated_is_refused);
     TEST("a-refusal-names-the-plan-kind-and-what-is-offered", NULL,
