@@ -8,6 +8,8 @@
 #include <stdlib.h>
 #include <string.h>
 
+static const double most_rescale = 2;
+
 static double dot(const double a[3], const double b[3])
 {
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
@@ -79,10 +81,21 @@ static double segment_ratio(const struct ls_linear_noise *noise, double f, doubl
     return trust * own + (1 - trust) * ratio;
 }
 
+/* What makes the full sphere exact: r_g becomes times r_g + plus. */
+struct correction {
+    double times, plus;
+};
+
+static struct correction correct(double f, double made, double u, double trust)
+{
+    double n = fmin(fmax(f / made, 1 / most_rescale), most_rescale);
+    return (struct correction){1 + trust * (n - 1), trust * (f - n * made) / u};
+}
+
 static void blend_pixel(const struct ls_mono_blend_pictures *p, const struct ls_linear_sums *sums,
                         size_t pixel, float *out)
 {
-    double ratio = (double)sums->ratio[pixel], made = 0;
+    double ratio = (double)sums->ratio[pixel], made = 0, u = 0;
     double v = (double)sums->v[pixel], f = (double)sums->f[pixel];
     double sigma = (double)sums->sigma[pixel];
     for (uint32_t g = 0; g < p->n_segments; g++) {
@@ -90,11 +103,12 @@ static void blend_pixel(const struct ls_mono_blend_pictures *p, const struct ls_
                                  ratio, p->neutral);
         out[g] = (float)r;
         made += (double)out[g] * (double)p->u[g][pixel];
+        u += (double)p->u[g][pixel];
     }
     double trust = !(v > 0) ? 0 : sigma > 0 ? ls_linear_trust(v / sigma) : 1;
-    double n = 1 + trust * (f / made - 1);
+    struct correction n = correct(f, made, u, trust);
     for (uint32_t g = 0; g < p->n_segments; g++) {
-        double r = (double)out[g] * n;
+        double r = (double)out[g] * n.times + n.plus;
         out[g] = trust > 0 && fabs(r) <= (double)FLT_MAX ? (float)r : (float)ratio;
     }
 }

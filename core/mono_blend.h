@@ -7,9 +7,12 @@
  *     R(i,p,s) = r(i,p) R(i,p,0),  r(i,p) = sum_g phi[i][g] r_g(p)
  * with phi >= 0 a partition of unity over segments (sum over g = 1 for every light), smooth in the
  * light's direction, and r_g from the picture F_g of segment g of spectrum s:
- *     r_g = n(p) (stable ratio of F_g and V_g),  V_g = sum of g(i,s) R(i,p,0) over the segment
- * n(p) makes the full sphere exact, sum_g r_g U_g = sum_g F_g, where U_g = sum over *all* lights of
- * phi[i][g] g(i,s) R(i,p,0); it fades to 1 where the sum is below 10 sigma, as core/promote.h does.
+ *     r_g = n(p) (stable ratio of F_g and V_g) + m(p),  V_g = sum of g(i,s) R(i,p,0) over the
+ * segment. n(p) makes the full sphere exact, sum_g r_g U_g = sum_g F_g, where U_g = sum over *all*
+ * lights of phi[i][g] g(i,s) R(i,p,0). It lies in [1/2, 2]; what is then still missing from the sum
+ * is m(p) sum_g U_g: where a surface reflects next to nothing of s, both sums are noise around 0,
+ * and their quotient would be a spark. n fades to 1 and m to 0 where the sum is below 10 sigma, as
+ * core/promote.h does.
  * An estimator of its own name: it is not Eq. 1 and not linear in what was photographed per light.
  * Relighting costs one sum per segment: out = sum_g r_g sum_i w_i phi[i][g] R(i,p,0).
  */

@@ -202,6 +202,38 @@ static void test_any_band_has_the_bits_of_the_whole(void)
     tear_down(x);
 }
 
+static void test_a_surface_black_in_the_spectrum_has_no_sparks(void)
+{
+    struct fixture *x = g_new0(struct fixture, 1);
+    set_up(x, 0);
+    const double sigma = 0.01; /* largest ratio of a segment but the last */
+    for (int j = 0; j < PIXELS; j++) {
+        double made = 0;
+        for (int g = 0; g + 1 < G; g++) {
+            double r = g_rand_double_range(x->rand, -sigma, sigma);
+            x->f[g][j] = (float)(r * (double)x->v[g][j]);
+            made += r * (double)x->u[g][j];
+        }
+        /* the blend of all adds up to nothing, which what was photographed does not */
+        x->f[G - 1][j] = (float)(-made / (double)x->u[G - 1][j] * (double)x->v[G - 1][j]);
+    }
+    blend(x);
+    for (int j = 0; j < PIXELS; j++) {
+        double made = 0, photographed = 0;
+        for (int g = 0; g < G; g++) {
+            double r = (double)x->r[j * G + g];
+            /* the last one's is up to 5 x 2 sigma, segments being as bright within a factor 2;
+             * twice that, and their mean */
+            g_assert_cmpfloat(fabs(r), <=, 30 * sigma);
+            made += r * (double)x->u[g][j];
+            photographed += (double)x->f[g][j];
+        }
+        /* floats of ratios below 0.3, times a sum of brightness near 80 */
+        g_assert_cmpfloat_with_epsilon(made, photographed, 80 * 0.3 * 0x1p-24);
+    }
+    tear_down(x);
+}
+
 static void test_the_result_is_finite_whatever_comes(void)
 {
     static const float odd[] = {0,     1,     -1,  1e-45f, 1e-38f,   3e38f,    -3e38f,
@@ -210,7 +242,8 @@ static void test_the_result_is_finite_whatever_comes(void)
     set_up(x, 0.3);
     for (int round = 0; round < 20; round++) {
         for (int k = 0; k < PIXELS * G; k++) {
-            float *at[3] = {&x->v[0][k], &x->u[0][k], &x->f[0][k]};
+            int g = k / PIXELS, j = k % PIXELS;
+            float *at[3] = {&x->v[g][j], &x->u[g][j], &x->f[g][j]};
             for (int n = 0; n < 3; n++)
                 if (g_rand_int_range(x->rand, 0, round + 1) == 0)
                     *at[n] = odd[g_rand_int_range(x->rand, 0, G_N_ELEMENTS(odd))];
@@ -266,6 +299,8 @@ int main(int argc, char **argv)
     g_test_add_func("/mono-blend/one-segment-is-eq-1-to-the-bit", test_one_segment_is_eq_1);
     g_test_add_func("/mono-blend/any-band-has-the-bits-of-the-whole",
                     test_any_band_has_the_bits_of_the_whole);
+    g_test_add_func("/mono-blend/a-surface-black-in-the-spectrum-has-no-sparks",
+                    test_a_surface_black_in_the_spectrum_has_no_sparks);
     g_test_add_func("/mono-blend/the-result-is-finite-whatever-comes",
                     test_the_result_is_finite_whatever_comes);
     g_test_add_func("/mono-blend/a-segment-without-light-takes-the-spheres-ratio",
