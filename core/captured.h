@@ -9,8 +9,8 @@
  * nearest chart, which is counted. It is scaled, channel by channel, so that its neutrals read
  * reflectance x L(cone), L from the ball.
  */
-#ifndef LS_CORE_PROBE_H
-#define LS_CORE_PROBE_H
+#ifndef LS_CORE_CAPTURED_H
+#define LS_CORE_CAPTURED_H
 
 #include "core/error.h"
 

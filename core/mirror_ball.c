@@ -6,7 +6,8 @@
 #include <stdlib.h>
 #include <string.h>
 
-enum { RIM = 720 }; /* samples of the blind cone's rim */
+enum { RIM = 720 };                     /* samples of the blind cone's rim */
+static const double reach_px = M_SQRT2; /* from a point to a pixel that is interpolated there */
 
 /** The ball with its own axes: towards the camera, right and up in the picture. */
 struct view {
@@ -53,7 +54,7 @@ static enum ls_err check_values(const struct ls_mirror_ball *ball, struct ls_dia
     for (uint32_t y = 0; y < ball->height; y++)
         for (uint32_t x = 0; x < ball->width; x++) {
             const float *rgb = ball->rgb + 3 * ((size_t)y * ball->width + x);
-            if (hypot(x + 0.5 - ball->centre_px[0], y + 0.5 - ball->centre_px[1]) > r + 1)
+            if (hypot(x + 0.5 - ball->centre_px[0], y + 0.5 - ball->centre_px[1]) > r + reach_px)
                 continue;
             if (!isfinite(rgb[0]) || !isfinite(rgb[1]) || !isfinite(rgb[2]))
                 return ls_fail(diag, LS_ERR_INVALID,

@@ -211,6 +211,26 @@ static void test_the_blind_cone_is_filled_and_marked(void)
     g_assert_cmpfloat_with_epsilon(report.peak, 6, 1e-5);
 }
 
+static void test_what_lies_beside_the_ball_never_reaches_the_map(void)
+{
+    static float rgb[3 * SIDE * SIDE], map[3 * WIDTH * HEIGHT];
+    struct ls_mirror_ball ball = a_ball(rgb, cameras[0]);
+    enum ls_err err = LS_OK;
+    ball.blind_rad = 0.01;
+    /* a mask that leaves less and less around the ball: refused, or without an effect */
+    for (double beside = 2; beside > 0.5; beside -= 0.125) {
+        for (uint32_t y = 0; y < SIDE; y++)
+            for (uint32_t x = 0; x < SIDE; x++)
+                if (hypot(x + 0.5 - centre[0], y + 0.5 - centre[1]) > radius + beside)
+                    rgb[3 * (y * SIDE + x)] = NAN;
+        err = ls_mirror_ball_map(&ball, WIDTH, HEIGHT, map, NULL, NULL, NULL);
+        for (uint32_t i = 0; i < 3 * WIDTH * HEIGHT && !err; i++)
+            g_assert_true(isfinite(map[i]));
+        g_assert_true(!err || beside <= 1.5);
+    }
+    g_assert_cmpint(err, ==, LS_ERR_INVALID);
+}
+
 static void test_what_makes_no_sense_is_refused(void)
 {
     static float rgb[3 * SIDE * SIDE], map[3 * 8 * 4];
@@ -246,6 +266,8 @@ int main(int argc, char **argv)
                     test_a_single_pixel_keeps_its_energy);
     g_test_add_func("/mirror-ball/the-blind-cone-is-filled-and-marked",
                     test_the_blind_cone_is_filled_and_marked);
+    g_test_add_func("/mirror-ball/what-lies-beside-the-ball-never-reaches-the-map",
+                    test_what_lies_beside_the_ball_never_reaches_the_map);
     g_test_add_func("/mirror-ball/what-makes-no-sense-is-refused",
                     test_what_makes_no_sense_is_refused);
     return g_test_run();
