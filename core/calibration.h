@@ -180,7 +180,8 @@ LS_MUST_CHECK enum ls_err ls_calibration_create(uint32_t n_lights, uint32_t n_ch
                                                 struct ls_diag *diag);
 
 /** JSON text, NUL-terminated, numbers with enough digits to round-trip floats. @text: (transfer
- * full), free(). */
+ * full), free(); NULL after an error. LS_ERR_INVALID: a number that is not finite, a name that is
+ * not UTF-8, or out of memory; nothing is left out instead. */
 LS_MUST_CHECK enum ls_err ls_calibration_write(const struct ls_calibration *calibration,
                                                char **text, struct ls_diag *diag);
 

@@ -123,3 +123,35 @@ enum ls_err ls_json_directions(const json_t *value, const char *path, uint32_t n
     }
     return err;
 }
+
+void ls_json_append(json_t **to, json_t *value)
+{
+    if (json_array_append_new(*to, value)) {
+        json_decref(*to);
+        *to = NULL;
+    }
+}
+
+void ls_json_set(json_t **to, const char *key, json_t *value)
+{
+    if (json_object_set_new(*to, key, value)) {
+        json_decref(*to);
+        *to = NULL;
+    }
+}
+
+json_t *ls_json_of_floats(const float *v, size_t n)
+{
+    json_t *list = json_array();
+    for (size_t i = 0; i < n && list; i++)
+        ls_json_append(&list, json_real((double)v[i]));
+    return list;
+}
+
+json_t *ls_json_of_rows(const float *v, size_t n_rows, size_t n)
+{
+    json_t *list = json_array();
+    for (size_t r = 0; r < n_rows && list; r++)
+        ls_json_append(&list, ls_json_of_floats(v + r * n, n));
+    return list;
+}

@@ -238,22 +238,6 @@ enum ls_err ls_calibration_parse_optional(const json_t *root, struct ls_calibrat
 
 /* ---- writing ---- */
 
-static json_t *floats(const float *v, size_t n)
-{
-    json_t *list = json_array();
-    for (size_t i = 0; i < n; i++)
-        json_array_append_new(list, json_real((double)v[i]));
-    return list;
-}
-
-static json_t *rows(const float *v, size_t n_rows, size_t n)
-{
-    json_t *list = json_array();
-    for (size_t r = 0; r < n_rows; r++)
-        json_array_append_new(list, floats(v + r * n, n));
-    return list;
-}
-
 static json_t *write_flags(const struct ls_calibration *c)
 {
     json_t *object = json_object();
@@ -261,22 +245,24 @@ static json_t *write_flags(const struct ls_calibration *c)
         json_t *list = json_array();
         for (uint32_t i = 0; i < c->n_lights; i++)
             if (c->flags[i] & flag_names[k].bit)
-                json_array_append_new(list, json_integer(i));
-        json_object_set_new(object, flag_names[k].name, list);
+                ls_json_append(&list, json_integer(i));
+        ls_json_set(&object, flag_names[k].name, list);
     }
     return object;
 }
 
-static void write_lights(const struct ls_calibration *c, json_t *lights)
+static void write_lights(const struct ls_calibration *c, json_t **root)
 {
+    json_t *lights = json_incref(json_object_get(*root, "lights"));
     if (c->flags)
-        json_object_set_new(lights, "flags", write_flags(c));
+        ls_json_set(&lights, "flags", write_flags(c));
     if (c->measured_direction)
-        json_object_set_new(lights, "measured_direction",
-                            rows(c->measured_direction[0], c->n_lights, 3));
+        ls_json_set(&lights, "measured_direction",
+                    ls_json_of_rows(c->measured_direction[0], c->n_lights, 3));
     if (c->sigma_direction_deg)
-        json_object_set_new(lights, "sigma_direction_deg",
-                            floats(c->sigma_direction_deg, c->n_lights));
+        ls_json_set(&lights, "sigma_direction_deg",
+                    ls_json_of_floats(c->sigma_direction_deg, c->n_lights));
+    ls_json_set(root, "lights", lights);
 }
 
 static json_t *write_colours(const struct ls_calibration *c)
@@ -284,8 +270,8 @@ static json_t *write_colours(const struct ls_calibration *c)
     json_t *object = json_object();
     size_t n = (size_t)c->n_lights * c->n_colours;
     for (uint32_t s = 0; s < c->n_channels; s++)
-        json_object_set_new(object, c->channels[s].name,
-                            rows(c->k_colour + s * n, c->n_lights, c->n_colours));
+        ls_json_set(&object, c->channels[s].name,
+                    ls_json_of_rows(c->k_colour + s * n, c->n_lights, c->n_colours));
     return object;
 }
 
@@ -294,8 +280,8 @@ static json_t *write_residuals(const struct ls_calibration *c)
     json_t *list = json_array();
     for (uint32_t i = 0; i < c->n_residuals; i++) {
         const struct ls_calibration_residual *r = &c->residuals[i];
-        json_array_append_new(list, json_pack("{s:s, s:f, s:s}", "name", r->name, "value", r->value,
-                                              "unit", r->unit));
+        ls_json_append(&list, json_pack("{s:s, s:f, s:s}", "name", r->name, "value", r->value,
+                                        "unit", r->unit));
     }
     return list;
 }
@@ -304,29 +290,29 @@ static json_t *write_provenance(const struct ls_calibration_provenance *p)
 {
     json_t *takes = json_array();
     for (uint32_t i = 0; i < p->n_takes; i++)
-        json_array_append_new(takes, json_pack("{s:s, s:s}", "subject", p->takes[i].subject, "take",
-                                               p->takes[i].take));
+        ls_json_append(&takes, json_pack("{s:s, s:s}", "subject", p->takes[i].subject, "take",
+                                         p->takes[i].take));
     return json_pack("{s:s, s:s, s:o}", "date", p->date, "software", p->software, "takes", takes);
 }
 
-void ls_calibration_write_optional(const struct ls_calibration *c, json_t *root)
+void ls_calibration_write_optional(const struct ls_calibration *c, json_t **root)
 {
-    write_lights(c, json_object_get(root, "lights"));
+    write_lights(c, root);
     if (c->k_colour)
-        json_object_set_new(root, "k_colour", write_colours(c));
+        ls_json_set(root, "k_colour", write_colours(c));
     if (c->n_polarised)
-        json_object_set_new(root, "polarisation",
-                            json_pack("{s:o, s:o}", "a_v",
-                                      rows(c->a_v, c->n_polarised, c->n_lights), "a_h",
-                                      rows(c->a_h, c->n_polarised, c->n_lights)));
+        ls_json_set(root, "polarisation",
+                    json_pack("{s:o, s:o}", "a_v",
+                              ls_json_of_rows(c->a_v, c->n_polarised, c->n_lights), "a_h",
+                              ls_json_of_rows(c->a_h, c->n_polarised, c->n_lights)));
     if (c->has_mirror) {
         float r[3];
         for (int k = 0; k < 3; k++)
             r[k] = (float)c->mirror_reflectivity[k];
-        json_object_set_new(root, "mirror_reflectivity", floats(r, c->n_colours));
+        ls_json_set(root, "mirror_reflectivity", ls_json_of_floats(r, c->n_colours));
     }
     if (c->n_residuals)
-        json_object_set_new(root, "residuals", write_residuals(c));
+        ls_json_set(root, "residuals", write_residuals(c));
     if (c->provenance.date[0])
-        json_object_set_new(root, "provenance", write_provenance(&c->provenance));
+        ls_json_set(root, "provenance", write_provenance(&c->provenance));
 }

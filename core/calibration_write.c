@@ -3,33 +3,18 @@
 
 #include <jansson.h>
 
-static json_t *floats(const float *v, size_t n)
-{
-    json_t *list = json_array();
-    for (size_t i = 0; i < n; i++)
-        json_array_append_new(list, json_real((double)v[i]));
-    return list;
-}
-
-static json_t *rows(const float *v, size_t n_rows, size_t n)
-{
-    json_t *list = json_array();
-    for (size_t r = 0; r < n_rows; r++)
-        json_array_append_new(list, floats(v + r * n, n));
-    return list;
-}
-
 static json_t *table(const struct ls_spectral_table *t, int nested)
 {
     return json_pack("{s:f, s:f, s:o}", "start_nm", t->start_nm, "step_nm", t->step_nm, "values",
-                     nested ? rows(t->v, t->rows, t->n) : floats(t->v, t->n));
+                     nested ? ls_json_of_rows(t->v, t->rows, t->n) : ls_json_of_floats(t->v, t->n));
 }
 
 static json_t *lights(const struct ls_calibration *c)
 {
-    return json_pack("{s:o, s:o, s:o}", "position_m", rows(c->position_m[0], c->n_lights, 3),
-                     "direction", rows(c->direction[0], c->n_lights, 3), "omega_sr",
-                     floats(c->omega_sr, c->n_lights));
+    return json_pack("{s:o, s:o, s:o}", "position_m",
+                     ls_json_of_rows(c->position_m[0], c->n_lights, 3), "direction",
+                     ls_json_of_rows(c->direction[0], c->n_lights, 3), "omega_sr",
+                     ls_json_of_floats(c->omega_sr, c->n_lights));
 }
 
 static json_t *channels(const struct ls_calibration *c)
@@ -40,8 +25,8 @@ static json_t *channels(const struct ls_calibration *c)
         json_t *item = json_pack("{s:s, s:s}", "name", channel->name, "kind",
                                  channel->polariser ? "polariser" : "spectrum");
         if (channel->spectrum.n)
-            json_object_set_new(item, "spectrum", table(&channel->spectrum, 0));
-        json_array_append_new(list, item);
+            ls_json_set(&item, "spectrum", table(&channel->spectrum, 0));
+        ls_json_append(&list, item);
     }
     return list;
 }
@@ -50,7 +35,7 @@ static json_t *by_channel(const struct ls_calibration *c, const float *v, size_t
 {
     json_t *object = json_object();
     for (uint32_t s = 0; s < c->n_channels; s++)
-        json_object_set_new(object, c->channels[s].name, floats(v + s * stride, n));
+        ls_json_set(&object, c->channels[s].name, ls_json_of_floats(v + s * stride, n));
     return object;
 }
 
@@ -61,9 +46,9 @@ static json_t *patterns(const struct ls_calibration *c)
         const struct ls_calibration_pattern *p = &c->patterns[i];
         json_t *item = json_pack("{s:s, s:s, s:f, s:f}", "channel", c->channels[p->channel].name,
                                  "pattern", p->pattern, "duty", p->duty, "factor", p->factor);
-        if (p->sigma > 0)
-            json_object_set_new(item, "sigma", json_real(p->sigma));
-        json_array_append_new(list, item);
+        if (!(p->sigma <= 0))
+            ls_json_set(&item, "sigma", json_real(p->sigma));
+        ls_json_append(&list, item);
     }
     return list;
 }
@@ -72,7 +57,7 @@ static json_t *chart(const struct ls_calibration *c)
 {
     json_t *names = json_array();
     for (uint32_t i = 0; i < c->n_patches; i++)
-        json_array_append_new(names, json_string(c->patch_names[i]));
+        ls_json_append(&names, json_string(c->patch_names[i]));
     return json_pack("{s:o, s:o}", "names", names, "reflectance", table(&c->reflectance, 1));
 }
 
@@ -80,8 +65,8 @@ static json_t *chart_light(const struct ls_calibration *c)
 {
     json_t *list = json_array();
     for (uint32_t p = 0; p < c->n_patches; p++)
-        json_array_append_new(
-            list, rows(c->L + p * c->n_colours * c->n_channels, c->n_colours, c->n_channels));
+        ls_json_append(&list, ls_json_of_rows(c->L + p * c->n_colours * c->n_channels, c->n_colours,
+                                              c->n_channels));
     return list;
 }
 
@@ -89,8 +74,7 @@ static json_t *camera(const struct ls_calibration_camera *camera)
 {
     json_t *hot = json_array();
     for (uint32_t i = 0; i < camera->n_hot; i++)
-        json_array_append_new(hot,
-                              json_pack("[i, i]", (int)camera->hot[i][0], (int)camera->hot[i][1]));
+        ls_json_append(&hot, json_pack("[i, i]", (int)camera->hot[i][0], (int)camera->hot[i][1]));
     json_t *out = json_pack("{s:f, s:f, s:f, s:f, s:s, s:s, s:f, s:[f, f], s:o}", "black_dn",
                             camera->black_dn, "full_scale_dn", camera->full_scale_dn,
                             "electrons_per_dn", camera->electrons_per_dn, "read_noise_dn",
@@ -98,7 +82,7 @@ static json_t *camera(const struct ls_calibration_camera *camera)
                             camera->pixel_format, "exposure_offset_us", camera->exposure_offset_us,
                             "range", camera->range_low, camera->range_high, "hot_pixels", hot);
     if (camera->sensitivity.n)
-        json_object_set_new(out, "sensitivities", table(&camera->sensitivity, 1));
+        ls_json_set(&out, "sensitivities", table(&camera->sensitivity, 1));
     return out;
 }
 
@@ -106,7 +90,7 @@ static json_t *matrix(const struct ls_calibration *c)
 {
     json_t *list = json_array();
     for (int r = 0; r < 3; r++)
-        json_array_append_new(list, json_pack("[f, f, f]", c->m[r][0], c->m[r][1], c->m[r][2]));
+        ls_json_append(&list, json_pack("[f, f, f]", c->m[r][0], c->m[r][1], c->m[r][2]));
     return list;
 }
 
@@ -119,17 +103,19 @@ enum ls_err ls_calibration_write(const struct ls_calibration *c, char **text, st
                   patterns(c), "scale", c->scale, "p", by_channel(c, c->p[0], c->n_colours, 3),
                   "camera", camera(&c->camera));
     if (root && c->n_patches)
-        json_object_set_new(root, "chart", chart(c));
+        ls_json_set(&root, "chart", chart(c));
     if (root && c->L)
-        json_object_set_new(root, "L", chart_light(c));
+        ls_json_set(&root, "L", chart_light(c));
     if (root && c->has_m)
-        json_object_set_new(root, "M", matrix(c));
+        ls_json_set(&root, "M", matrix(c));
     if (root)
-        ls_calibration_write_optional(c, root);
+        ls_calibration_write_optional(c, &root);
     *text = root ? json_dumps(root, JSON_COMPACT | JSON_REAL_PRECISION(9)) : NULL;
     json_decref(root);
     if (!*text)
-        return ls_fail(diag, LS_ERR_INVALID,
-                       "calibration: cannot be written: out of memory or a number not finite");
+        return ls_fail(
+            diag, LS_ERR_INVALID,
+            "calibration: cannot be written: out of memory, a number that is not finite, or a name "
+            "that is not UTF-8");
     return LS_OK;
 }

@@ -334,10 +334,36 @@ static void test_uncalibrated(void)
     ls_calibration_destroy(c);
 }
 
+static void test_not_finite(void)
+{
+    for (int which = 0; which < 12; which++) {
+        struct ls_calibration *c = sample(3);
+        char *text = NULL;
+        measure(c);
+        float *const at[] = {&c->k[1],
+                             &c->sigma_k[9],
+                             &c->omega_sr[4],
+                             &c->position_m[2][1],
+                             &c->p[1][2],
+                             &c->channels[0].spectrum.v[2],
+                             &c->reflectance.v[5],
+                             &c->L[3],
+                             &c->camera.sensitivity.v[4],
+                             &c->measured_direction[1][0],
+                             &c->k_colour[7],
+                             &c->a_h[2]};
+        *at[which] = which % 2 ? NAN : INFINITY;
+        g_assert_cmpint(ls_calibration_write(c, &text, NULL), ==, LS_ERR_INVALID);
+        g_assert_null(text);
+        ls_calibration_destroy(c);
+    }
+}
+
 int main(int argc, char **argv)
 {
     g_test_init(&argc, &argv, NULL);
     g_test_add_func("/calibration/comes-back-as-written", test_round_trip);
+    g_test_add_func("/calibration/a-number-that-is-not-finite-is-never-left-out", test_not_finite);
     g_test_add_func("/calibration/a-wrong-value-is-refused-by-name", test_wrong_values);
     g_test_add_func("/calibration/a-pattern-without-a-factor-is-named-in-a-sentence",
                     test_uncalibrated);
