@@ -157,7 +157,7 @@ enum ls_err ls_demosaic_with(enum ls_isa isa, const struct ls_demosaic_source *s
     if (!is_clear(source, target) || !inside(region, image) || !inside(source->window, image) ||
         !inside(ls_demosaic_needs(region, image.width, image.height), source->window))
         return LS_ERR_INVALID;
-    for (uint32_t at = 0; at < region.width; at += STRIP)
+    for (uint32_t at = 0; region.height && at < region.width; at += STRIP)
         demosaic_strip(&job, at, region.width - at < STRIP ? region.width - at : STRIP);
     return LS_OK;
 }

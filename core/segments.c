@@ -203,7 +203,7 @@ enum ls_err ls_segments_centres(const float (*directions)[3], uint32_t n_lights,
         return ls_fail(diag, LS_ERR_NOMEM, "out of memory for %u segments", n_segments);
     memset(centre, 0, n_segments * sizeof *centre);
     for (uint32_t i = 0; i < n_lights; i++) {
-        double d[3];
+        double d[3] = {0};
         if (segment[i] >= n_segments)
             return ls_fail(diag, LS_ERR_INVALID, "light %u is in segment %u: expected less than %u",
                            i, segment[i], n_segments);

@@ -439,6 +439,8 @@ static void test_refusals(void)
     s.window = (struct ls_demosaic_region){2, 2, 4, 4}; /* no halo on the left */
     g_assert_cmpint(ls_demosaic(&s, (struct ls_demosaic_region){3, 4, 1, 1}, 0, &t), ==,
                     LS_ERR_INVALID);
+    s.window = (struct ls_demosaic_region){0, 6, 8, 2}; /* nothing is asked for: nothing is read */
+    g_assert_cmpint(ls_demosaic(&s, (struct ls_demosaic_region){0, 8, 8, 0}, 0, &t), ==, LS_OK);
     s.window = (struct ls_demosaic_region){4, 4, 8, 8}; /* window beyond the image */
     g_assert_cmpint(ls_demosaic(&s, (struct ls_demosaic_region){6, 6, 1, 1}, 0, &t), ==,
                     LS_ERR_INVALID);
