@@ -2,6 +2,7 @@
 
 #include "core/exr.h"
 #include "core/merge.h"
+#include "core/multiplex.h"
 
 #include <math.h>
 #include <stdarg.h>
@@ -228,6 +229,43 @@ static void warn_of_calibration(const struct ls_preflight_input *in, struct ls_p
         warn(out, "%u more patterns are not calibrated", n - MAX_PATTERN_WARNINGS);
 }
 
+static void judge_multiplexing(const struct ls_preflight_input *in, uint32_t camera,
+                               const struct ls_plan_condition *c, struct ls_preflight *out)
+{
+    const struct ls_config_camera *cam = &in->config->cameras[camera];
+    double factor = in->calibration ? ls_plan_factor(c, in->config, in->calibration) : 1;
+    double scale = (factor > 0 ? factor : 1) / (c->level / 65535.0);
+    double read = (double)cam->read_noise_dn * (double)cam->read_noise_dn + 1.0 / 12;
+    double half = (double)cam->full_scale_dn / 2, shot = 1 / (double)cam->electrons_per_dn;
+    const char *name = in->config->channels[c->channel].name;
+    struct ls_multiplex_noise black, bright;
+    if (ls_multiplex_noise(c->parts, in->config->n_lights, scale, 0, read, shot, &black, NULL) ||
+        ls_multiplex_noise(c->parts, in->config->n_lights, scale, half, read, shot, &bright, NULL))
+        return;
+    if (black.gain <= 1)
+        warn(out,
+             "multiplex of %s, camera %u: never wins over each (gain %.2f at black, %.2f at half of "
+             "full scale): at this level the rows are too dim",
+             name, camera, black.gain, bright.gain);
+    else
+        warn(out,
+             "multiplex of %s, camera %u: wins where a light alone reads less than %.3g DN, loses "
+             "above (gain %.2f at black, %.2f at half of full scale)",
+             name, camera, black.break_even, black.gain, bright.gain);
+}
+
+/* What many lights at a time gain and lose, of the same exposures: core/multiplex.h. */
+static void warn_of_multiplexing(const struct ls_preflight_input *in, struct ls_preflight *out)
+{
+    for (uint32_t i = 0; i < in->plan->n_conditions; i++) {
+        const struct ls_plan_condition *c = &in->plan->conditions[i];
+        if (strcmp(c->pattern, "multiplex") || c->part > 0)
+            continue;
+        for (uint32_t k = 0; k < in->config->n_cameras; k++)
+            judge_multiplexing(in, k, c, out);
+    }
+}
+
 static void warn_of_cameras(const struct ls_preflight_input *in, struct ls_preflight *out)
 {
     for (uint32_t k = 0; k < in->config->n_cameras; k++) {
@@ -263,6 +301,7 @@ enum ls_err ls_preflight_check(const struct ls_preflight_input *in, struct ls_pr
         return err;
     warn_of_darks(in, out);
     warn_of_calibration(in, out);
+    warn_of_multiplexing(in, out);
     warn_of_cameras(in, out);
     if (out->bytes + in->config->reserve_bytes > in->disk_free_bytes)
         return ls_fail(diag, LS_ERR_FULL,

@@ -1,0 +1,118 @@
+#!/usr/bin/python3 -B
+"""Lights photographed many at a time, decoded: less noise than alone where read noise rules, more
+where shot noise does, by what theory says."""
+import json
+
+import numpy as np
+
+import harness
+import pictures
+import takes
+
+LIGHTS, ORDER, DROOP = 18, 19, 1.2
+FULL_WELL_E, READ_E, E_PER_DN = 10500, 5, 10500 / 4095
+CHANNELS = 'channels = ( { name = "W"; kind = "spectrum"; spectrum = "white"; droop = 1.2; } );'
+# Single lights of 3 and of 90 electrons in the mean
+READ_US, SHOT_US = 50, 2400
+
+
+def plan(kind, exposure_us):
+    level = "level = 65535;" if kind == "multiplex" else ""
+    return f"""subject = "still"; exposures_us = [{exposure_us}]; darks = 128;
+conditions = ( {{ kind = "{kind}"; channels = ["W"]; {level} }} );"""
+
+
+def calibrate(rig):
+    """The factor of rows of mean brightness, at full duty: the supply's sag."""
+    path = rig.path("calibration.json")
+    cal = json.loads(harness.stage.read(path))
+    lit = LIGHTS * (ORDER + 1) / (2 * ORDER)
+    factor = 1 + (DROOP - 1) * (lit - 1) / (LIGHTS - 1)
+    cal["pattern_factors"].append({"channel": "W", "pattern": "multiplex", "duty": 1.0,
+                                   "factor": factor})
+    harness.stage.write(path, json.dumps(cal))
+    return factor
+
+
+def rig_of_eighteen(folder):
+    rig = harness.rig_of(folder, size=96, channels="W", scene_extra=f"lights = {LIGHTS}; {CHANNELS}")
+    factor = calibrate(rig)
+    return rig.start(), factor
+
+
+def lights_of(rig, kind, exposure_us):
+    """Estimates of every light as the daemon serves them, in electrons: (light, row, column)."""
+    code, status, err = takes.photograph(rig, plan(kind, exposure_us))
+    assert code == 0 and status["state"] == "complete", err
+    prefix = rig.path("light")
+    answer = rig.ask("fetch", status["id"], "--channel", "W", "--layout", "mosaic", "--estimate",
+                     "--output", prefix)
+    document = takes.document(rig, status["id"])
+    electrons = FULL_WELL_E * document["exposure_s"][0] / document["reference_exposure_s"]
+    stack = [pictures.read(f"{prefix}.{i + 1:04d}.exr")[:, :, 0] for i in range(LIGHTS)]
+    return electrons * np.array(stack), json.dumps(answer)
+
+
+def noise(pair, good):
+    """Of one of two takes alike."""
+    return np.sqrt(np.mean((pair[0][:, good] - pair[1][:, good]) ** 2) / 2)
+
+
+def compare(rig, factor, exposure_us):
+    """Noise of lights alone over noise of lights decoded: (measured, by theory)."""
+    alone = [lights_of(rig, "each", exposure_us)[0] for _ in range(2)]
+    answers = [lights_of(rig, "multiplex", exposure_us) for _ in range(2)]
+    decoded = [a[0] for a in answers]
+    assert all('"spare_alarm": false' in a[1] for a in answers), answers[0][1][:600]
+    assert all(f'"multiplexed": {ORDER}' in a[1] for a in answers)
+    mean_e = np.mean(alone, axis=0)
+    # what a row shows is at most the sum; beyond 0.8 of full it may saturate
+    good = (mean_e.sum(axis=0) < 0.8 * FULL_WELL_E) & (mean_e.max(axis=0) < 0.8 * FULL_WELL_E)
+    assert good.mean() > 0.5, good.mean()
+    variance = READ_E ** 2 + E_PER_DN ** 2 / 12
+    e = np.mean(mean_e[:, good])
+    theory = np.sqrt((variance + e) / (factor ** 2 * 4 * ORDER / (ORDER + 1) ** 2 * variance +
+                                       factor * 2 * LIGHTS / (ORDER + 1) * e))
+    measured = noise(alone, good) / noise(decoded, good)
+    off = np.mean((np.mean(decoded, axis=0) - mean_e)[:, good], axis=1) / e
+    print(f"# {exposure_us} us, {e:.1f} e per light, {100 * good.mean():.0f} % of pixels: gain "
+          f"{measured:.3f}, by theory {theory:.3f}; lights off by at most "
+          f"{100 * np.abs(off).max():.2f} %", flush=True)
+    return measured, theory, np.abs(off).max()
+
+
+def test_decoding_wins_where_read_noise_rules_and_loses_where_shot_noise_does(folder):
+    rig, factor = rig_of_eighteen(folder)
+    dim, dim_theory, _ = compare(rig, factor, READ_US)
+    bright, bright_theory, off = compare(rig, factor, SHOT_US)
+    # 18 lights of at least 4600 pixels each, two takes: noise is known to 0.5 %; dark current,
+    # PRNU that differs between pixels and what 128 darks leave in both change the ratio by 2 %.
+    assert dim > 1.4 and abs(dim / dim_theory - 1) < 0.05, (dim, dim_theory)
+    assert bright < 0.85 and abs(bright / bright_theory - 1) < 0.05, (bright, bright_theory)
+    # The mean of a light, of the mean of all: 13 electrons of noise at a pixel, 18000 samples, so
+    # 0.1 %; a factor of the pattern left out shows 10 %, a swapped row more.
+    assert off < 0.01, off
+
+
+def test_preflight_says_when_multiplexing_wins(folder):
+    rig, factor = rig_of_eighteen(folder)
+
+    def said(level):
+        text = takes.plan_file(rig, plan("multiplex", READ_US).replace("65535", str(level)))
+        lines = rig.ask("preflight", "--plan", text)["warnings"].splitlines()
+        return [line for line in lines if line.startswith("multiplex of W, camera 0")]
+
+    read = (READ_E / E_PER_DN) ** 2 + 1 / 12
+    gained = read * (1 - factor ** 2 * 4 * ORDER / (ORDER + 1) ** 2)
+    even = gained / ((factor * 2 * LIGHTS / (ORDER + 1) - 1) / E_PER_DN)
+    gain = (ORDER + 1) / (2 * np.sqrt(ORDER) * factor)
+    words = said(65535)
+    assert len(words) == 1 and "wins where a light alone reads less than" in words[0], words
+    number = float(words[0].split("less than ")[1].split(" DN")[0])
+    assert abs(number / even - 1) < 0.01, (words, even)
+    assert f"gain {gain:.2f} at black" in words[0], (words, gain)
+    assert "never wins" in said(6553)[0], said(6553)  # a tenth of the light, a tenth of the signal
+
+
+if __name__ == "__main__":
+    harness.main(globals())
