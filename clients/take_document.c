@@ -84,6 +84,12 @@ static bool is_segment(const char *kind, const char *pattern)
            (!pattern || strncmp(pattern, "segments-", 9) == 0 || strncmp(pattern, "lights-", 7) == 0);
 }
 
+/* Stands for each light. */
+static bool is_multiplexed(const char *kind, const char *pattern)
+{
+    return strcmp(kind, "segment") == 0 && pattern && strcmp(pattern, "multiplex") == 0;
+}
+
 static void read_conditions(struct ls_take_document *d, const json_t *doc)
 {
     const json_t *list = json_object_get(json_object_get(doc, "plan"), "conditions");
@@ -97,7 +103,7 @@ static void read_conditions(struct ls_take_document *d, const json_t *doc)
         for (uint32_t c = 0; kind && channel && c < d->n_channels; c++) {
             if (strcmp(d->channels[c].name, channel) != 0)
                 continue;
-            d->channels[c].each |= strcmp(kind, "one") == 0;
+            d->channels[c].each |= strcmp(kind, "one") == 0 || is_multiplexed(kind, pattern);
             d->channels[c].sphere |= strcmp(kind, "sphere") == 0;
             d->channels[c].headlight |= is_headlight(kind, pattern);
             d->channels[c].segments |= is_segment(kind, pattern);
