@@ -43,6 +43,7 @@ struct ls_field {
         n_channels;         /* spectrum 0 is white; channels 3 (Bayer), 1 (mono) */
     uint32_t width, height; /* px */
     enum ls_cfa cfa;
+    enum ls_demosaic_method demosaic; /* how pictures are made of its sums */
     double scale; /* R = scale k stored: the calibration's scale / referenceExposure */
     const struct ls_picture *white;  /* [n_lights] */
     const struct ls_picture *sphere; /* [n_spectra], photographed full spheres; may be NULL */

@@ -40,7 +40,7 @@ enum ls_err ls_relight_demosaic(const struct ls_field *field, const float *sum,
     }
     struct ls_demosaic_target target = {
         .plane = {out, out + 1, out + 2}, .pixel_step = 3, .row_step = 3 * (size_t)region.width};
-    return ls_demosaic(&source, region, LS_DEMOSAIC_GRADIENT, &target);
+    return ls_demosaic(&source, region, field->demosaic, &target);
 }
 
 /* out += v or v x ratio, for as many samples as there are: colours side by side */

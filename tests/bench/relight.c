@@ -15,6 +15,7 @@ struct share {
     unsigned thread, n;
     uint32_t y0, y1; /* px */
     float *window;   /* [n_sums][WINDOW_ROWS][width] */
+    struct ls_accumulate_report report;
 };
 
 static void must(enum ls_err err, const struct ls_diag *diag)
@@ -70,10 +71,14 @@ static void sum_tile_row(struct share *s, uint32_t tile_row)
                                     .sum_stride = WINDOW_ROWS * width,
                                     .tile_max = r->tile_max,
                                     .max_error = r->max_error};
+    struct ls_accumulate_report report;
     struct ls_tile_region tiles = {0, tile_row, ls_field_tiles_x(r->field), tile_row + 1};
-    must(ls_accumulate_with(r->kernels, r->field, &job, &tiles, s->window + KEPT * width, NULL,
+    must(ls_accumulate_with(r->kernels, r->field, &job, &tiles, s->window + KEPT * width, &report,
                             &diag),
          &diag);
+    s->report.bound = fmax(s->report.bound, report.bound);
+    s->report.tiles_read += report.tiles_read;
+    s->report.tiles_skipped += report.tiles_skipped;
 }
 
 static void roll(struct share *s, uint32_t rows)
@@ -105,7 +110,7 @@ static void run_share(void *data, unsigned thread, unsigned n)
     struct bench_relight *r = data;
     uint32_t height = r->field->height;
     uint32_t t0 = first_tile_row(r, thread, n), t1 = first_tile_row(r, thread + 1, n);
-    struct share s = {r, thread, n, t0 * LS_TILE_SIDE, t1 * LS_TILE_SIDE, r->window[thread]};
+    struct share s = {r, thread, n, t0 * LS_TILE_SIDE, t1 * LS_TILE_SIDE, r->window[thread], {0}};
     s.y1 = s.y1 < height ? s.y1 : height;
     for (uint32_t t = t0; t < t1; t++) {
         uint32_t y = t * LS_TILE_SIDE, rows = s.y1 - y < LS_TILE_SIDE ? s.y1 - y : LS_TILE_SIDE;
@@ -114,6 +119,7 @@ static void run_share(void *data, unsigned thread, unsigned n)
             finish_tile_row(&s, y, rows);
         roll(&s, rows);
     }
+    r->report[thread] = s.report;
     if (thread == 0)
         r->anonymous_mib = fmax(r->anonymous_mib, bench_anonymous_mib());
 }
@@ -133,6 +139,17 @@ void bench_relight_finish(struct bench_relight *r)
         free(r->window[t]);
         free(r->seam[t]);
     }
+}
+
+struct ls_accumulate_report bench_relight_report(const struct bench_relight *r)
+{
+    struct ls_accumulate_report all = {0};
+    for (unsigned t = 0; t < r->n_threads; t++) {
+        all.bound = fmax(all.bound, r->report[t].bound);
+        all.tiles_read += r->report[t].tiles_read;
+        all.tiles_skipped += r->report[t].tiles_skipped;
+    }
+    return all;
 }
 
 void bench_relight(void *data)

@@ -27,12 +27,16 @@ struct bench_relight {
     const float *ratio[BENCH_MAX_TERMS], *matrix[BENCH_MAX_TERMS];
     float *out;           /* [height][width][3]; NULL: the sums alone, which are thrown away */
     double anonymous_mib; /* most seen while it ran */
+    struct ls_accumulate_report report[BENCH_RELIGHT_THREADS]; /* of the last run */
     float *window[BENCH_RELIGHT_THREADS], *seam[BENCH_RELIGHT_THREADS];
 };
 
 /** Room for the windows and seams; once the rest is filled in. */
 void bench_relight_init(struct bench_relight *relight);
 void bench_relight_finish(struct bench_relight *relight);
+
+/** What was left out of the last run, and how many pairs of picture and tile were read. */
+struct ls_accumulate_report bench_relight_report(const struct bench_relight *relight);
 
 /** A task for bench_time. */
 void bench_relight(void *relight);
