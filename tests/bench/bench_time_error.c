@@ -194,7 +194,7 @@ static void make_maps(struct setting *s)
 static void setting_init(struct setting *s, const struct bench *bench)
 {
     *s = (struct setting){.bench = bench,
-                          .take = still_take_create((uint32_t)bench_size(bench, 512, 64))};
+                          .take = still_take_create((uint32_t)bench_size(bench, 384, 64))};
     size_t n = 3 * s->take->pixels;
     s->weights = floats(SPECTRA * LIGHTS);
     s->every_weights = floats(SPECTRA * LIGHTS);
@@ -282,6 +282,24 @@ static double largest(const struct setting *s, const float *a, const float *b)
     for (size_t j = 0; j < 3 * s->take->pixels; j++)
         most = fmax(most, fabs((double)a[j] - (double)b[j]));
     return most / s->take->white_level;
+}
+
+/* The truth as the mosaic sees it: what is left of a model's error is its own, and noise. */
+static float *seen_truth(const struct setting *s)
+{
+    const struct still_take *take = s->take;
+    uint32_t side = take->side;
+    struct ls_demosaic_region all = {0, 0, side, side};
+    float *mosaic = floats(take->pixels), *rgb = floats(3 * take->pixels);
+    for (uint32_t y = 0; y < side; y++)
+        for (uint32_t x = 0; x < side; x++) {
+            size_t j = (size_t)y * side + x;
+            mosaic[j] = take->truth[3 * j + (unsigned)ls_cfa_channel(take->field.cfa, x, y)];
+        }
+    if (ls_relight_demosaic(&take->field, mosaic, all, all, rgb))
+        abort();
+    free(mosaic);
+    return rgb;
 }
 
 static void row(const struct setting *s, const char *prefix, enum way way,
@@ -373,6 +391,12 @@ int main(int argc, char **argv)
     ls_half_to_floats(s.half_out, c[HALF_OUT].out, 3 * s.take->pixels);
     for (enum way w = 0; w < WAYS; w++)
         row(&s, "truth", w, &tasks[w], rms(&s, c[w].out, s.take->truth), &tasks[GRADIENT]);
+    static const enum way models[] = {GRADIENT, LINEAR, SEPARATED, MEASURED};
+    float *seen = seen_truth(&s);
+    for (size_t k = 0; k < sizeof models / sizeof *models; k++)
+        row(&s, "model", models[k], &tasks[models[k]], rms(&s, c[models[k]].out, seen),
+            &tasks[GRADIENT]);
+    free(seen);
     row(&s, "exact", GRADIENT, &tasks[GRADIENT], rms(&s, c[GRADIENT].out, c[FLOATS].out),
         &tasks[GRADIENT]);
     row(&s, "exact", HALF_OUT, &tasks[HALF_OUT], rms(&s, c[HALF_OUT].out, c[FLOATS].out),
