@@ -1,7 +1,6 @@
 /* Relighting: one picture under six spectra, by ratios and by matrices, 24 environments at once,
  * and what it takes in memory. Two threads, from mapped files to RGB floats. */
 #include "core/half.h"
-#include "core/separated.h"
 #include "tests/bench/references.h"
 #include "tests/bench/relight.h"
 #include "tests/bench/take.h"
@@ -300,98 +299,6 @@ static void many(const struct setting *s)
     print(s, "relight_many", &tasks[1], error_of_sums(s), "multiply-add peak", at_peak_s, 0.6);
 }
 
-/* ---- polarised ---- */
-
-struct polarised {
-    const struct setting *s;
-    struct ls_separated_field field;
-    uint32_t rows;                         /* px, of the picture's first */
-    float *diffuse, *specular, *conductor; /* [SPECTRA][rows][width][3] in shares by thread */
-};
-
-/* A polarised picture: sums of D, S and the conductors' S, and Eq. 1 and Eq. 3 on them. */
-static void polarised_part(void *data, unsigned thread, unsigned n)
-{
-    const struct polarised *p = data;
-    const double tint[3] = {0.5, 0.6, 0.7};
-    uint32_t width = p->field.width, rows = p->rows / n;
-    size_t share = (size_t)rows * width * 3, first = thread * share;
-    struct ls_separated_job job = {.field = &p->field,
-                                   .n_rows = SPECTRA,
-                                   .weights = p->s->weights,
-                                   .region = {0, thread * rows, width, rows},
-                                   .method = LS_DEMOSAIC_GRADIENT};
-    float *d = p->diffuse + SPECTRA * first, *s = p->specular + SPECTRA * first,
-          *c = p->conductor + SPECTRA * first;
-    if (ls_separated_accumulate(&job, d, s, c, NULL, NULL))
-        abort();
-    memset(p->s->out + first, 0, share * sizeof(float));
-    for (uint32_t q = 0; q < SPECTRA; q++)
-        ls_separated_finish(d + q * share, s + q * share, c + q * share,
-                            q ? p->s->ratio + (q - 1) * p->s->pixels * 3 + first : NULL, tint, 1,
-                            (size_t)rows * width, 3, p->s->out + first);
-}
-
-static void polarised_run(void *data)
-{
-    bench_parallel(THREADS, polarised_part, data);
-}
-
-/* An eighth of the picture, scaled. V and H are two lights' pictures each. */
-static void separated(const struct setting *s)
-{
-    const struct ls_field *field = &s->take->field;
-    const double white[3] = {1, 1, 1};
-    uint32_t n = field->n_lights, eighth = (uint32_t)bench_size(s->bench, 8, 1);
-    struct ls_picture *h = bench_alloc(n * sizeof *h);
-    struct ls_split *split = bench_alloc(n * sizeof *split);
-    struct bench_relight picture = relight_of(s);
-    struct polarised p = {.s = s,
-                          .rows = field->height / eighth,
-                          .field = {.n_lights = n,
-                                    .n_channels = 3,
-                                    .width = field->width,
-                                    .height = field->height,
-                                    .cfa = field->cfa,
-                                    .v = field->white,
-                                    .h = h,
-                                    .split = split,
-                                    .noise = {1e-8, 1e-10, 1e-6}}};
-    size_t samples = (size_t)SPECTRA * p.rows * field->width * 3;
-    for (uint32_t i = 0; i < n; i++) {
-        h[i] = field->white[(i + 1) % n];
-        split[i] = (struct ls_split){1.5f, -0.5f, -0.5f, 1.5f};
-    }
-    if (ls_conductor_make(white, LS_CONDUCTOR_THRESHOLD, false, &p.field.conductor, NULL))
-        abort();
-    p.diffuse = bench_alloc(samples * sizeof(float));
-    p.specular = bench_alloc(samples * sizeof(float));
-    p.conductor = bench_alloc(samples * sizeof(float));
-    for (uint32_t q = 1; q < SPECTRA; q++)
-        picture.ratio[q] = s->ratio + (q - 1) * s->pixels * 3;
-    bench_relight_init(&picture);
-    struct bench_task tasks[] = {
-        {.name = "a picture", .run = bench_relight, .data = &picture},
-        {.name = "a polarised picture, a part", .run = polarised_run, .data = &p}};
-    bench_time(s->bench, tasks, 2);
-    double scaled = tasks[1].best_s * eighth;
-    bench_row(s->bench, &(struct bench_row){.name = "relight_separated",
-                                            .unit = "s",
-                                            .value = scaled,
-                                            .median = tasks[1].median_s * eighth,
-                                            .error = NAN,
-                                            .reference = "relight_one; this of 1/8, scaled",
-                                            .reference_value = tasks[0].best_s,
-                                            .ratio = tasks[0].best_s / scaled,
-                                            .wanted = NAN});
-    bench_relight_finish(&picture);
-    free(p.diffuse);
-    free(p.specular);
-    free(p.conductor);
-    free(h);
-    free(split);
-}
-
 int main(int argc, char **argv)
 {
     struct bench bench;
@@ -400,7 +307,6 @@ int main(int argc, char **argv)
     setting_init(&setting, &bench);
     one(&setting);
     many(&setting);
-    separated(&setting);
     setting_finish(&setting);
     return 0;
 }

@@ -129,7 +129,9 @@ int main(int argc, char **argv)
         {.name = "six sums of V and H", .run = bench_relight, .data = &plain},
         {.name = "separated, all dielectric", .run = separated, .data = &dielectric},
         {.name = "separated", .run = separated, .data = &s}};
+    bench_relight_init(&plain);
     bench_time(&bench, tasks, 4);
+    bench_relight_finish(&plain);
     /* D, S and three colours of conductor, for each light, spectrum and pixel */
     double adds = 5.0 * SPECTRA * s.n_lights * s.field.width * s.field.height;
     print(&s, "relight_separated", &tasks[3], "six sums of V and H, as Eq. 1", tasks[1].best_s);

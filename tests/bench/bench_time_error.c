@@ -194,7 +194,7 @@ static void make_maps(struct setting *s)
 static void setting_init(struct setting *s, const struct bench *bench)
 {
     *s = (struct setting){.bench = bench,
-                          .take = still_take_create((uint32_t)bench_size(bench, 384, 64))};
+                          .take = still_take_create((uint32_t)bench_size(bench, 384, 128))};
     size_t n = 3 * s->take->pixels;
     s->weights = floats(SPECTRA * LIGHTS);
     s->every_weights = floats(SPECTRA * LIGHTS);

@@ -31,7 +31,7 @@ struct bench_relight {
     float *window[BENCH_RELIGHT_THREADS], *seam[BENCH_RELIGHT_THREADS];
 };
 
-/** Room for the windows and seams; once the rest is filled in. */
+/** Room for the windows and seams; once the rest is filled in. A thread needs a row of tiles. */
 void bench_relight_init(struct bench_relight *relight);
 void bench_relight_finish(struct bench_relight *relight);
 
