@@ -10,8 +10,6 @@
 #include <stdlib.h>
 #include <string.h>
 
-enum { MAX_ROWS = 3 * LS_FIELD_MAX_SPECTRA };
-
 struct relight_job {
     struct ls_job job;
     struct ls_field_cache *cache;
@@ -22,11 +20,15 @@ struct relight_job {
     struct ls_promotion promotion;
     Lightstage__WeightMode mode;
     char names[LS_FIELD_MAX_SPECTRA][32];
-    uint32_t n_names, n_rows, n_lights;
-    float *weights; /* [n_rows][n_lights] as sent */
+    uint32_t n_names, n_pictures, n_lights;
+    uint32_t n_rows; /* of one picture */
+    float *weights;  /* [n_pictures][n_rows][n_lights] as sent */
     double max_error;
     struct ls_demosaic_region region;
-    bool complete; /* all bands are sent */
+    struct ls_demosaic_region band;
+    float *pixels;         /* of the band, [n_pictures][height][width][3]; NULL: none is being sent */
+    uint32_t next_picture; /* of the band */
+    bool complete;         /* no band follows */
     double seconds;
 };
 
@@ -36,6 +38,7 @@ static void relight_destroy(struct ls_job *job)
     ls_render_close(self->render);
     if (self->source)
         ls_field_cache_put(self->cache, self->source);
+    free(self->pixels);
     free(self->weights);
     g_free(self);
 }
@@ -53,50 +56,55 @@ static enum ls_err channel_of(const struct relight_job *self, const char *name, 
 }
 
 /* White for R, G, B each, over p(0,c) of the camera channel (mono: its one channel). */
-static void tristimulus_terms(const struct relight_job *self, double *weights,
-                              struct ls_render_term *terms)
+static void tristimulus_term(const struct relight_job *self, uint32_t c, double *weights,
+                             struct ls_render_term *term)
 {
     const struct ls_field *field = &self->source->field;
-    for (uint32_t c = 0; c < 3; c++) {
-        terms[c] = (struct ls_render_term){.channel = self->source->channel_of[0],
-                                           .weights = weights + (size_t)c * self->n_lights,
-                                           .target = (int32_t)c};
-        for (uint32_t i = 0; i < self->n_lights; i++)
-            weights[(size_t)c * self->n_lights + i] /= field->p[field->n_channels == 1 ? 0 : c];
-    }
+    *term = (struct ls_render_term){
+        .channel = self->source->channel_of[0], .weights = weights, .target = (int32_t)c};
+    for (uint32_t i = 0; i < self->n_lights; i++)
+        weights[i] /= field->p[field->n_channels == 1 ? 0 : c];
 }
 
-static enum ls_err spectral_terms(const struct relight_job *self, const double *weights,
-                                  struct ls_render_term *terms, struct ls_diag *diag)
+static enum ls_err spectral_term(const struct relight_job *self, uint32_t row,
+                                 const double *weights, struct ls_render_term *term,
+                                 struct ls_diag *diag)
 {
     bool shared = self->mode == LIGHTSTAGE__WEIGHT_MODE__SHARED;
+    *term = (struct ls_render_term){.weights = weights,
+                                    .target = shared ? -1 : (int32_t)(row / self->n_names)};
+    return channel_of(self, self->names[row % self->n_names], &term->channel, diag);
+}
+
+static enum ls_err list_terms(const struct relight_job *self, double *weights,
+                              struct ls_render_term *terms, struct ls_diag *diag)
+{
     enum ls_err err = LS_OK;
-    for (uint32_t n = 0; n < self->n_rows && !err; n++) {
-        terms[n] = (struct ls_render_term){.weights = weights + (size_t)n * self->n_lights,
-                                           .target = shared ? -1 : (int32_t)(n / self->n_names)};
-        err = channel_of(self, self->names[n % self->n_names], &terms[n].channel, diag);
+    for (uint32_t n = 0; n < self->n_pictures * self->n_rows && !err; n++) {
+        double *row = weights + (size_t)n * self->n_lights;
+        for (uint32_t i = 0; i < self->n_lights; i++)
+            row[i] = (double)self->weights[(size_t)n * self->n_lights + i];
+        if (self->mode == LIGHTSTAGE__WEIGHT_MODE__TRISTIMULUS)
+            tristimulus_term(self, n % self->n_rows, row, &terms[n]);
+        else
+            err = spectral_term(self, n % self->n_rows, row, &terms[n], diag);
+        terms[n].picture = n / self->n_rows;
     }
     return err;
 }
 
 static enum ls_err open_render(struct relight_job *self, struct ls_diag *diag)
 {
-    struct ls_render_term terms[MAX_ROWS];
-    size_t n = (size_t)self->n_rows * self->n_lights;
-    LS_CLEANUP_FREE double *weights = malloc(n * sizeof *weights);
-    enum ls_err err = LS_OK;
-    if (!weights)
+    size_t n = (size_t)self->n_pictures * self->n_rows;
+    LS_CLEANUP_FREE struct ls_render_term *terms = calloc(n, sizeof *terms);
+    LS_CLEANUP_FREE double *weights = malloc(n * self->n_lights * sizeof *weights);
+    if (!terms || !weights)
         return ls_fail(diag, LS_ERR_NOMEM, "out of memory");
-    for (size_t i = 0; i < n; i++)
-        weights[i] = (double)self->weights[i];
-    if (self->mode == LIGHTSTAGE__WEIGHT_MODE__TRISTIMULUS)
-        tristimulus_terms(self, weights, terms);
-    else
-        err = spectral_terms(self, weights, terms, diag);
+    enum ls_err err = list_terms(self, weights, terms, diag);
     const struct ls_render_job job = {.promotion = self->promotion,
                                       .terms = terms,
-                                      .n_terms = self->n_rows,
-                                      .n_pictures = 1,
+                                      .n_terms = (uint32_t)n,
+                                      .n_pictures = self->n_pictures,
                                       .region = self->region,
                                       .max_error = self->max_error,
                                       .asker = &self->job};
@@ -126,21 +134,45 @@ static void describe(const struct relight_job *self, Lightstage__RelightReply *b
     body->calibrated = self->source->calibrated;
 }
 
+/* The next picture's part of the band: the last takes what is left of it. */
+static enum ls_err take_part(struct relight_job *self, struct ls_chunk *chunk, struct ls_diag *diag)
+{
+    size_t bytes = (size_t)self->band.width * self->band.height * 3 * sizeof(float);
+    uint8_t *all = (uint8_t *)self->pixels, *part = all;
+    if (self->n_pictures > 1)
+        part = malloc(bytes);
+    if (!part)
+        return ls_fail(diag, LS_ERR_NOMEM, "out of memory for a band of a picture");
+    if (part != all)
+        memcpy(part, all + bytes * self->next_picture, bytes);
+    if (++self->next_picture == self->n_pictures) {
+        free(part == all ? NULL : all);
+        self->pixels = NULL;
+    }
+    chunk->payload = part;
+    chunk->payload_bytes = bytes;
+    return LS_OK;
+}
+
 static enum ls_err send_band(struct relight_job *self, struct ls_chunk *chunk, struct ls_diag *diag)
 {
     Lightstage__RelightReply body;
-    struct ls_demosaic_region band;
-    float *pixels = NULL;
-    enum ls_err err = ls_render_step(self->render, &band, &pixels, &self->complete, diag);
+    enum ls_err err = LS_OK;
+    if (!self->pixels) {
+        self->next_picture = 0;
+        err = ls_render_step(self->render, &self->band, &self->pixels, &self->complete, diag);
+    }
     if (err)
         return err;
     describe(self, &body);
-    body.first_row = band.y - self->region.y;
-    body.n_rows = band.height;
-    chunk->payload = (uint8_t *)pixels;
-    chunk->payload_bytes = (size_t)band.width * band.height * 3 * sizeof(float);
-    return ls_message_frame(LS_MESSAGE_RELIGHT | LS_MESSAGE_REPLY, self->job.request, 0, &body.base,
-                            chunk->payload_bytes, &chunk->head, &chunk->head_bytes, diag);
+    body.first_row = self->band.y - self->region.y;
+    body.n_rows = self->band.height;
+    body.picture = self->next_picture;
+    err = take_part(self, chunk, diag);
+    return err ? err
+               : ls_message_frame(LS_MESSAGE_RELIGHT | LS_MESSAGE_REPLY, self->job.request, 0,
+                                  &body.base, chunk->payload_bytes, &chunk->head,
+                                  &chunk->head_bytes, diag);
 }
 
 static enum ls_err send_report(struct relight_job *self, struct ls_chunk *chunk,
@@ -168,7 +200,7 @@ static enum ls_err send_report(struct relight_job *self, struct ls_chunk *chunk,
 static enum ls_err next_frame(struct relight_job *self, struct ls_chunk *chunk, bool *last,
                               struct ls_diag *diag)
 {
-    if (!self->complete)
+    if (!self->complete || self->pixels)
         return send_band(self, chunk, diag);
     *last = true;
     return send_report(self, chunk, diag);
@@ -188,9 +220,15 @@ static enum ls_err relight_step(struct ls_job *job, struct ls_chunk *chunk, bool
 
 /* ---- making ---- */
 
+static size_t pictures_of(const Lightstage__Relight *relight)
+{
+    return relight->n_pictures ? relight->n_pictures : 1;
+}
+
 static enum ls_err check(const Lightstage__Relight *relight, uint32_t n_rows, size_t payload_bytes,
                          struct ls_diag *diag)
 {
+    size_t n_pictures = pictures_of(relight);
     bool tristimulus = relight->mode == LIGHTSTAGE__WEIGHT_MODE__TRISTIMULUS;
     if (relight->mode > LIGHTSTAGE__WEIGHT_MODE__PER_TARGET)
         return ls_fail(diag, LS_ERR_UNSUPPORTED, "relight: weight mode %d is not known",
@@ -202,10 +240,15 @@ static enum ls_err check(const Lightstage__Relight *relight, uint32_t n_rows, si
     if (relight->n_lights < 1 || relight->n_lights > LS_MAX_LIGHTS)
         return ls_fail(diag, LS_ERR_INVALID, "relight: %u lights: expected 1 to %d",
                        relight->n_lights, LS_MAX_LIGHTS);
-    if (payload_bytes != (size_t)n_rows * relight->n_lights * sizeof(float))
+    if (n_pictures * n_rows > LS_RENDER_MAX_TERMS)
+        return ls_fail(diag, LS_ERR_LIMIT,
+                       "relight: %zu pictures of %u rows of weights: expected at most %d rows in "
+                       "all; ask for fewer pictures at once",
+                       n_pictures, n_rows, LS_RENDER_MAX_TERMS);
+    if (payload_bytes != n_pictures * n_rows * relight->n_lights * sizeof(float))
         return ls_fail(diag, LS_ERR_INVALID,
-                       "relight: a payload of %zu bytes, expected %u rows of %u weights of 4 bytes",
-                       payload_bytes, n_rows, relight->n_lights);
+                       "relight: a payload of %zu bytes, expected %zu rows of %u weights of 4 bytes",
+                       payload_bytes, n_pictures * n_rows, relight->n_lights);
     if (!(relight->max_error >= 0) || !isfinite(relight->max_error))
         return ls_fail(diag, LS_ERR_INVALID, "relight: max_error: expected 0 or more");
     for (size_t i = 0; i < relight->n_channels; i++)
@@ -216,7 +259,7 @@ static enum ls_err check(const Lightstage__Relight *relight, uint32_t n_rows, si
 
 static enum ls_err check_finite(const struct relight_job *self, struct ls_diag *diag)
 {
-    for (size_t i = 0; i < (size_t)self->n_rows * self->n_lights; i++)
+    for (size_t i = 0; i < (size_t)self->n_pictures * self->n_rows * self->n_lights; i++)
         if (!isfinite(self->weights[i]))
             return ls_fail(diag, LS_ERR_INVALID, "relight: the weight of row %zu, light %zu is %g",
                            i / self->n_lights, i % self->n_lights, (double)self->weights[i]);
@@ -254,6 +297,7 @@ enum ls_err ls_relight_job_create(uint32_t request, struct ls_field_cache *cache
     self->n_names = (uint32_t)relight->n_channels;
     for (uint32_t i = 0; i < self->n_names; i++)
         snprintf(self->names[i], sizeof self->names[i], "%s", relight->channels[i]);
+    self->n_pictures = (uint32_t)pictures_of(relight);
     self->n_rows = n_rows;
     self->n_lights = relight->n_lights;
     self->max_error = relight->max_error;

@@ -38,7 +38,7 @@ static enum ls_err add_sum(struct ls_render *render, const struct ls_light_set *
     if (stream->n == LS_ACCUMULATE_MAX_SUMS)
         return ls_fail(diag, LS_ERR_LIMIT,
                        "this light needs more than %d sums over the field at once; ask for fewer "
-                       "channels, or weights shared by R, G and B",
+                       "pictures at once, fewer channels, or weights shared by R, G and B",
                        LS_ACCUMULATE_MAX_SUMS);
     float *grown =
         realloc(stream->weights, (size_t)(stream->n + 1) * set->n_pictures * sizeof *grown);
@@ -188,6 +188,24 @@ static double amplification(const struct ls_render *render)
     return filter * fmax(most, 1);
 }
 
+/* What a band of all pictures holds in memory: sums over two rows of tiles, what is made of polarised
+ * pictures, and the pictures. One picture gets what it needs. */
+static enum ls_err check_room(const struct ls_render *render, struct ls_diag *diag)
+{
+    static const double most = 256 << 20;
+    double sums = 0, row = (double)render->region.width * LS_TILE_SIDE * sizeof(float);
+    for (uint32_t k = 0; k < render->n_streams; k++)
+        sums += 2 * render->streams[k].n;
+    double separated = 3.0 * render->source->field.n_channels * render->n_separated;
+    double need = row * (sums + separated + 3.0 * render->n_pictures);
+    if (render->n_pictures > 1 && need > most)
+        return ls_fail(diag, LS_ERR_LIMIT,
+                       "%u pictures at once need %.0f MiB for a band, at most %.0f MiB are given; "
+                       "ask for fewer at once",
+                       render->n_pictures, need / (1 << 20), most / (1 << 20));
+    return LS_OK;
+}
+
 /* ---- life ---- */
 
 static void start_streams(struct ls_render *render, double max_error)
@@ -233,6 +251,8 @@ enum ls_err ls_render_open(struct ls_field_source *source, const struct ls_rende
     if (!err && job->mosaic &&
         (render->n_parts != 1 || render->parts[0].way.kind != LS_WAY_PHOTOGRAPHED))
         err = ls_fail(diag, LS_ERR_UNSUPPORTED, "what is promoted has no mosaic");
+    if (!err)
+        err = check_room(render, diag);
     if (err) {
         ls_render_close(render);
         return err;
