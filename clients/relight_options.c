@@ -1,0 +1,186 @@
+#include "clients/relight_options.h"
+
+#include "clients/numbered_name.h"
+#include "clients/promotion_option.h"
+#include "clients/region_option.h"
+
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+static bool number(const char *text, double *out)
+{
+    char *end = NULL;
+    *out = strtod(text, &end);
+    return end != text && *end == '\0' && isfinite(*out);
+}
+
+/* "0,15,30" */
+static bool set_turns(const char *text, struct ls_relight_options *out)
+{
+    out->n_turns = 0;
+    for (const char *at = text; out->n_turns < LS_RELIGHT_MAX_TURNS; at++) {
+        char *end = NULL;
+        double turn = strtod(at, &end);
+        if (end == at || !isfinite(turn) || (*end != ',' && *end != '\0'))
+            return false;
+        out->turns[out->n_turns++] = turn;
+        if (*end == '\0')
+            return true;
+        at = end;
+    }
+    return false;
+}
+
+/* One option; LS_EXIT_OK or the exit code. */
+static int set(struct ls_relight_options *out, int option)
+{
+    enum { OUTPUT = 1, PNG, SOLVE, ROTATE, RAW, SPACE, REGION, EXPOSURE, MAX_ERROR, WEIGHTS,
+           CAMERA, METHOD, CELLS, PROFILE };
+    out->solved |= option == SOLVE || option == METHOD || option == CELLS || option == ROTATE;
+    switch (option) {
+    case OUTPUT:
+        out->exr = optarg;
+        return LS_EXIT_OK;
+    case PNG:
+        out->png = optarg;
+        return LS_EXIT_OK;
+    case WEIGHTS:
+        out->weights = true;
+        out->lights[out->n_lights++] = optarg;
+        return LS_EXIT_OK;
+    case RAW:
+        out->raw = true;
+        return LS_EXIT_OK;
+    case SOLVE:
+        return ls_light_solve_option(optarg, &out->solve.solve)
+                   ? LS_EXIT_OK
+                   : ls_command_wrong("--solve %s: expected spectral, tristimulus, shared or "
+                                      "per-target", optarg);
+    case METHOD:
+        return ls_light_method_option(optarg, &out->solve.method)
+                   ? LS_EXIT_OK
+                   : ls_command_wrong("--method %s: expected nnls or least-squares", optarg);
+    case CELLS:
+        return ls_light_cells_option(optarg, &out->solve.smooth)
+                   ? LS_EXIT_OK
+                   : ls_command_wrong("--cells %s: expected nearest or smooth", optarg);
+    case PROFILE:
+        out->profile = ls_profile_find(optarg);
+        return out->profile ? LS_EXIT_OK
+                            : ls_command_wrong("--profile %s: expected paper", optarg);
+    case SPACE:
+        out->space = strcmp(optarg, "camera-raw") == 0 ? LS_MAP_CAMERA_RAW : LS_MAP_REC709_LINEAR;
+        if (out->space == LS_MAP_REC709_LINEAR && strcmp(optarg, "rec709-linear") != 0)
+            return ls_command_wrong("--space %s: expected rec709-linear or camera-raw", optarg);
+        return LS_EXIT_OK;
+    case ROTATE:
+        return set_turns(optarg, out)
+                   ? LS_EXIT_OK
+                   : ls_command_wrong("--rotate %s: expected degrees, or at most %d with commas "
+                                      "between them", optarg, LS_RELIGHT_MAX_TURNS);
+    case EXPOSURE:
+        out->exposure_given = true;
+        return number(optarg, &out->exposure) && fabs(out->exposure) <= 60
+                   ? LS_EXIT_OK
+                   : ls_command_wrong("--exposure %s: expected stops, -60 to 60", optarg);
+    case MAX_ERROR:
+        return number(optarg, &out->max_error) && out->max_error >= 0
+                   ? LS_EXIT_OK
+                   : ls_command_wrong("--max-error %s: expected 0 or more", optarg);
+    case CAMERA:
+        return ls_camera_option(optarg, &out->camera)
+                   ? LS_EXIT_OK
+                   : ls_command_wrong("--camera %s: expected the number of a camera, from 0",
+                                      optarg);
+    case REGION:
+        return ls_region_option(optarg, &out->region)
+                   ? LS_EXIT_OK
+                   : ls_command_wrong("--region %s: expected X,Y,WIDTH,HEIGHT", optarg);
+    default:
+        return ls_promotion_option(option, optarg, &out->promotion);
+    }
+}
+
+/* What is left of the command line, and what does not go together. */
+static int check(int argc, char **argv, struct ls_relight_options *out)
+{
+    if (argc - optind < 1 || (out->weights ? argc - optind > 1 : argc - optind < 2))
+        return ls_command_wrong("relight: expected %s; relight --help tells more",
+                                out->weights ? "one TAKE with --weights"
+                                             : "a TAKE and one ENVIRONMENT or more");
+    if (out->weights && out->solved)
+        return ls_command_wrong("relight: --weights are strengths already: leave out --solve, "
+                                "--method, --cells and --rotate");
+    out->take = argv[optind];
+    for (int i = optind + 1; i < argc; i++)
+        out->lights[out->n_lights++] = argv[i];
+    if (!out->exr && !out->png)
+        return ls_command_wrong("relight: --output FILE.exr or --png FILE.png is needed");
+    for (int i = 0; i < 2; i++) {
+        const char *name = i ? out->png : out->exr;
+        if (name && ls_relight_pictures(out) > 1 && !ls_name_has_number(name))
+            return ls_command_wrong("relight: %s for %u pictures: expected a number in the name, "
+                                    "as in relit-%%02d.exr", name, ls_relight_pictures(out));
+    }
+    return LS_EXIT_OK;
+}
+
+int ls_relight_options_parse(struct ls_command_context *context, int argc, char **argv,
+                             struct ls_relight_options *out)
+{
+    static const struct option options[] = {{"output", required_argument, NULL, 1},
+                                            {"png", required_argument, NULL, 2},
+                                            {"solve", required_argument, NULL, 3},
+                                            {"rotate", required_argument, NULL, 4},
+                                            {"raw", no_argument, NULL, 5},
+                                            {"space", required_argument, NULL, 6},
+                                            {"region", required_argument, NULL, 7},
+                                            {"exposure", required_argument, NULL, 8},
+                                            {"max-error", required_argument, NULL, 9},
+                                            {"weights", required_argument, NULL, 10},
+                                            {"camera", required_argument, NULL, 11},
+                                            {"method", required_argument, NULL, 12},
+                                            {"cells", required_argument, NULL, 13},
+                                            {"profile", required_argument, NULL, 14},
+                                            LS_PROMOTION_OPTIONS,
+                                            LS_COMMON_OPTIONS};
+    lightstage__promotion__init(&out->promotion);
+    out->promotion.model = LIGHTSTAGE__MODEL__SPHERE;
+    lightstage__region__init(&out->region);
+    out->lights = calloc((size_t)argc, sizeof *out->lights);
+    out->turns = calloc(LS_RELIGHT_MAX_TURNS, sizeof *out->turns);
+    if (!out->lights || !out->turns)
+        return ls_command_failed(context, ls_fail(&context->diag, LS_ERR_NOMEM, "out of memory"));
+    out->n_turns = 1;
+    for (int option;
+         (option = ls_command_option(context, &ls_command_relight, argc, argv, options)) != -1;) {
+        int code = set(out, option);
+        if (code)
+            return code;
+    }
+    out->solve.model = out->promotion.model;
+    return check(argc, argv, out);
+}
+
+void ls_relight_options_finish(struct ls_relight_options *options)
+{
+    free(options->lights);
+    free(options->turns);
+    memset(options, 0, sizeof *options);
+}
+
+uint32_t ls_relight_pictures(const struct ls_relight_options *options)
+{
+    return options->n_lights * options->n_turns;
+}
+
+const char *ls_relight_light(const struct ls_relight_options *options, uint32_t picture)
+{
+    return options->lights[picture / options->n_turns];
+}
+
+double ls_relight_turn(const struct ls_relight_options *options, uint32_t picture)
+{
+    return options->turns[picture % options->n_turns];
+}

@@ -1,0 +1,192 @@
+#include "clients/relight_request.h"
+
+#include "proto/errors.h"
+
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+/* Of weights in a request, and what a request carries (proto/PROTOCOL.md). */
+enum { MOST_ROWS = 256, MOST_WEIGHTS = 1024 * 1024 / sizeof(float) };
+
+struct asked {
+    const struct ls_take_document *document;
+    bool by_target; /* three of the daemon's pictures each */
+    uint32_t n;
+    struct ls_image *images; /* [n] */
+    uint64_t rows;           /* that came */
+    struct ls_relit *result;
+};
+
+static bool alike(const struct ls_light_weights *a, const struct ls_light_weights *b)
+{
+    bool same = a->mode == b->mode && a->n_names == b->n_names && a->n_rows == b->n_rows &&
+                a->by_target == b->by_target && a->after_m == b->after_m;
+    for (uint32_t i = 0; same && i < a->n_names; i++)
+        same = strcmp(a->names[i], b->names[i]) == 0;
+    return same;
+}
+
+uint32_t ls_relight_at_once(const struct ls_relight_options *options,
+                            const struct ls_take_document *document,
+                            const struct ls_light_weights *weights, uint32_t n)
+{
+    static const double most = 2147483648.0;
+    double width = options->region.width ? options->region.width : document->width;
+    double height = options->region.height ? options->region.height : document->height;
+    double fit = floor(most / (width * height * 3 * sizeof(float)));
+    uint32_t count = 1, rows = weights->n_rows, most_rows = MOST_WEIGHTS / weights->n_lights;
+    most_rows = most_rows < MOST_ROWS ? most_rows : MOST_ROWS;
+    while (count < n && count < fit && (count + 1) * rows <= most_rows && alike(&weights[0], &weights[count]))
+        count++;
+    return count;
+}
+
+/* ---- what comes back ---- */
+
+/* A row of M makes one channel of the picture from camera RGB. */
+static void place_target(const double row[3], uint32_t target, const uint8_t *from, size_t n,
+                         float *out)
+{
+    for (size_t i = 0; i < n; i++) {
+        float v[3];
+        memcpy(v, from + i * sizeof v, sizeof v);
+        out[3 * i + target] =
+            (float)(row[0] * (double)v[0] + row[1] * (double)v[1] + row[2] * (double)v[2]);
+    }
+}
+
+static enum ls_err place_band(struct asked *asked, const struct ls_reply *reply,
+                              struct ls_diag *diag)
+{
+    const Lightstage__RelightReply *band = (const Lightstage__RelightReply *)reply->message;
+    uint32_t each = asked->by_target ? 3 : 1, picture = band->picture / each;
+    enum ls_err err = LS_OK;
+    if (picture >= asked->n)
+        return ls_fail(diag, LS_ERR_INVALID, "the daemon sent a picture that was not asked for");
+    struct ls_image *image = &asked->images[picture];
+    if (!image->pixels)
+        err = ls_image_init(image, band->width, band->height, 3, (size_t)4 << 30, diag);
+    if (err)
+        return err;
+    size_t width = image->width, n = band->n_rows * width;
+    if (band->first_row > image->height || band->n_rows > image->height - band->first_row ||
+        reply->payload_bytes != n * 3 * sizeof(float))
+        return ls_fail(diag, LS_ERR_INVALID, "the daemon sent rows that do not fit the picture");
+    float *to = image->pixels + (size_t)band->first_row * width * 3;
+    if (asked->by_target)
+        place_target(asked->document->calibration->m[band->picture % 3], band->picture % 3,
+                     reply->payload, n, to);
+    else if (n > 0)
+        memcpy(to, reply->payload, reply->payload_bytes);
+    asked->rows += band->n_rows;
+    return LS_OK;
+}
+
+/* The largest share of a picture's error in what M makes of it. */
+static double most_of_m(const struct asked *asked)
+{
+    double most = 0;
+    for (int t = 0; asked->by_target && t < 3; t++) {
+        const double *row = asked->document->calibration->m[t];
+        most = fmax(most, fabs(row[0]) + fabs(row[1]) + fabs(row[2]));
+    }
+    return asked->by_target ? most : 1;
+}
+
+static enum ls_err keep_report(struct asked *asked, const Lightstage__RelightReply *last,
+                               struct ls_diag *diag)
+{
+    struct ls_relit *result = asked->result;
+    uint64_t rows = (uint64_t)asked->n * (asked->by_target ? 3 : 1) * last->height;
+    if (asked->rows != rows)
+        return ls_fail(diag, LS_ERR_INVALID, "the daemon ended before the pictures were whole");
+    ls_promotion_report_keep(&result->report, last->spectra, last->n_spectra);
+    result->calibrated = last->calibrated;
+    if (last->lights_used >= result->lights_used) {
+        result->lights_used = last->lights_used;
+        result->lights_skipped = last->lights_skipped;
+    }
+    result->tiles_skipped += last->tiles_skipped;
+    result->bound = fmax(result->bound, last->error_bound * most_of_m(asked));
+    result->seconds += last->seconds;
+    result->passes++;
+    return LS_OK;
+}
+
+static enum ls_err receive(struct ls_connection *connection, uint32_t request, struct asked *asked,
+                           struct ls_diag *diag)
+{
+    for (bool last = false; !last;) {
+        struct ls_reply reply;
+        enum ls_err err = ls_connection_receive(connection, request, &reply, diag);
+        if (!err && reply.type != (LS_MESSAGE_RELIGHT | LS_MESSAGE_REPLY))
+            err = ls_fail(diag, LS_ERR_INVALID, "the daemon answered with another message");
+        if (!err)
+            err = place_band(asked, &reply, diag);
+        last = reply.last;
+        if (!err && last)
+            err = keep_report(asked, (const Lightstage__RelightReply *)reply.message, diag);
+        ls_reply_finish(&reply);
+        if (err)
+            return err;
+    }
+    return LS_OK;
+}
+
+/* ---- asking ---- */
+
+static enum ls_err send(struct ls_command_context *context, const struct ls_relight_options *options,
+                        const struct asked *asked, const struct ls_light_weights *weights,
+                        uint32_t *request)
+{
+    size_t each = (size_t)weights->n_rows * weights->n_lights;
+    LS_CLEANUP_FREE float *rows = malloc(each * asked->n * sizeof *rows);
+    if (!rows)
+        return ls_fail(&context->diag, LS_ERR_NOMEM, "out of memory");
+    for (uint32_t k = 0; k < asked->n; k++)
+        memcpy(rows + each * k, weights[k].rows, each * sizeof *rows);
+    Lightstage__Relight body = LIGHTSTAGE__RELIGHT__INIT;
+    Lightstage__Region region = options->region;
+    Lightstage__Promotion promotion = options->promotion;
+    body.promotion = &promotion;
+    body.take = (char *)asked->document->id;
+    body.mode = weights->mode;
+    body.n_channels = weights->n_names;
+    body.channels = (char **)weights->names;
+    body.n_lights = weights->n_lights;
+    body.n_pictures = asked->n * (asked->by_target ? 3 : 1);
+    body.region = &region;
+    body.max_error = options->max_error;
+    body.camera = options->camera;
+    return ls_connection_send(context->connection, LS_MESSAGE_RELIGHT, &body.base, rows,
+                              each * asked->n * sizeof *rows, request, &context->diag);
+}
+
+static bool too_many(const struct ls_command_context *context, enum ls_err err)
+{
+    return err == LS_ERR_LIMIT ||
+           (err == LS_ERR_REFUSED &&
+            ls_connection_error(context->connection) == LS_PROTO_OVER_LIMIT);
+}
+
+int ls_relight_request(struct ls_command_context *context, const struct ls_relight_options *options,
+                       const struct ls_take_document *document,
+                       const struct ls_light_weights *weights, uint32_t n, struct ls_image *images,
+                       struct ls_relit *result)
+{
+    struct asked asked = {document, weights->by_target, n, images, 0, result};
+    uint32_t request = 0, half = n / 2;
+    enum ls_err err = send(context, options, &asked, weights, &request);
+    if (!err)
+        err = receive(context->connection, request, &asked, &context->diag);
+    if (!err)
+        return LS_EXIT_OK;
+    if (n == 1 || !too_many(context, err))
+        return ls_command_failed(context, err);
+    int code =
+        ls_relight_request(context, options, document, weights, half, images, result);
+    return code ? code
+                : ls_relight_request(context, options, document, weights + half, n - half,
+                                     images + half, result);
+}
