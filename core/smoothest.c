@@ -6,6 +6,7 @@
 #include <string.h>
 
 enum { N = LS_SPECTRUM_N, ORDER = N + 3, MAX_ITERATIONS = 20000, MAX_ROUNDS = 20 };
+enum { ONE_BY_ONE = 2 * N };         /* exchanges */
 static const double penalty = 1e-12; /* 1 / weight of the equalities, functionals of norm 1 */
 
 /** min s' H s / 2 + ||A s - b||^2 / (2 penalty), s >= 0; H = D'D, D the second
@@ -157,9 +158,12 @@ static void exchange(struct qp *qp, const bool bad[N], bool only_last)
     }
 }
 
+/* All that is bad at once, which takes few exchanges but may circle; then the last of it alone,
+ * which cannot, but may take ages: so for a while, twice as long each time, and
+ * again all at once from where that led. */
 static enum ls_err pivot(struct qp *qp, unsigned *iterations, struct ls_diag *diag)
 {
-    int fewest = N + 1, patience = 3;
+    int fewest = N + 1, patience = 3, one_by_one = 2 * N;
     bool bad[N];
     for (; *iterations < MAX_ITERATIONS; ++*iterations) {
         if (solve_free(qp) != 0)
@@ -168,7 +172,9 @@ static enum ls_err pivot(struct qp *qp, unsigned *iterations, struct ls_diag *di
         int n = infeasible(qp, bad);
         if (n == 0)
             return LS_OK;
-        if (n < fewest) {
+        bool wanders = patience < -one_by_one;
+        one_by_one *= wanders ? 2 : 1;
+        if (n < fewest || wanders) {
             fewest = n;
             patience = 3;
         } else {

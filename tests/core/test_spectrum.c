@@ -162,6 +162,20 @@ static double roughness(const struct ls_spectrum *s)
     return sum;
 }
 
+/* A narrow violet for which exchanging one sample at a time did not end within 20000. */
+static void test_smoothest_ends_where_single_exchanges_wander(void)
+{
+    const double violet[3] = {47293.413667139452, -46908.705743594423, 391287.64798362256};
+    struct ls_spectrum rgb[3], s;
+    struct ls_smoothest report;
+    ls_rec709_functionals(rgb);
+    g_assert_cmpint(ls_spectrum_smoothest(violet, rgb, &s, &report, NULL), ==, LS_OK);
+    g_assert_true(report.reachable);
+    g_assert_cmpuint(report.iterations, <, 3000); /* a tenth of a millisecond each */
+    for (int c = 0; c < 3; c++)
+        g_assert_cmpfloat_with_epsilon(ls_spectrum_dot(&s, &rgb[c]) / violet[c], 1, 1e-5);
+}
+
 static void test_smoothest_reproduces_any_real_colour(void)
 {
     struct ls_spectrum rgb[3];
@@ -308,6 +322,8 @@ int main(int argc, char **argv)
                     test_bad_csv_is_refused_with_the_line);
     g_test_add_func("/spectrum/csv-needs-no-terminator-and-takes-gaps",
                     test_csv_needs_no_terminator_and_takes_gaps);
+    g_test_add_func("/smoothest/ends-where-single-exchanges-wander",
+                    test_smoothest_ends_where_single_exchanges_wander);
     g_test_add_func("/smoothest/reproduces-any-real-colour",
                     test_smoothest_reproduces_any_real_colour);
     g_test_add_func("/smoothest/is-a-kkt-point", test_smoothest_is_a_kkt_point);
