@@ -122,8 +122,8 @@ static void pick_inputs(const struct ls_linear_pictures *p, const float *from, s
 static void find_sigma(const struct ls_linear_pictures *p, size_t n, struct ls_linear_sums *sums)
 {
     for (size_t i = 0; i < n; i++)
-        sums->sigma[i] =
-            (float)sqrt(p->total_noise.floor + p->total_noise.shot * fmax((double)sums->v[i], 0));
+        sums->sigma[i] = (float)sqrt(
+            p->total_noise.floor + p->total_noise.shot * (sums->v[i] > 0 ? (double)sums->v[i] : 0));
     if (p->demosaiced)
         ls_promote_add_contrast(sums->v, p->width, p->height, p->n_in, sums->sigma);
 }
@@ -162,75 +162,6 @@ void ls_linear_sums_finish(struct ls_linear_sums *sums)
 {
     free(sums->room);
     *sums = (struct ls_linear_sums){0};
-}
-
-/* q of one pixel, and 1 / brightness of its mean segment; 0 where there is none. */
-static double pixel_trust(const struct ls_linear_pictures *p, const float *v, const float *sigma,
-                          double *per_brightness)
-{
-    double trust = 1, sum = 0;
-    for (uint32_t a = 0; a < p->n_in; a++) {
-        double snr = (double)v[a] / (double)sigma[a];
-        trust = fmin(trust, sigma[a] > 0 ? ls_linear_trust(snr) : v[a] > 0);
-        sum += (double)v[a] / (p->n_in * (double)p->n_segments);
-    }
-    *per_brightness = sum > 0 && isfinite(sum) ? 1 / sum : 0;
-    return isfinite(sum) ? trust : 0;
-}
-
-void ls_linear_sums_block(const struct ls_linear_pictures *p, const struct ls_linear_sums *sums,
-                          size_t first, uint32_t n, struct ls_linear_total *total)
-{
-    memset(total, 0, sizeof *total);
-    for (uint32_t j = 0; j < n; j++) {
-        const float *v = sums->v + (first + j) * p->n_in;
-        const float *sigma = sums->sigma + (first + j) * p->n_in;
-        for (uint32_t a = 0; a < p->n_in; a++)
-            total->v[a][j] = (double)v[a];
-        for (uint32_t c = 0; c < p->n_out; c++) {
-            total->f[c][j] = (double)sums->f[(first + j) * p->n_out + c];
-            total->ratio[c][j] = (double)sums->ratio[(first + j) * p->n_out + c];
-        }
-        total->trust[j] = pixel_trust(p, v, sigma, &total->per_brightness[j]);
-    }
-}
-
-static void fit_block(const struct ls_linear_pictures *p, const struct ls_linear_options *options,
-                      const struct ls_linear_sums *sums, size_t first, uint32_t n, float *out)
-{
-    struct ls_linear_total total;
-    struct ls_linear_normal normal;
-    struct ls_linear_matrix matrix;
-    ls_linear_sums_block(p, sums, first, n, &total);
-    memset(&normal, 0, sizeof normal);
-    for (uint32_t g = 0; g < p->n_segments; g++) {
-        struct ls_linear_row row;
-        ls_linear_block_row(p, options, g, first, n, &total, &row);
-        ls_linear_block_add(p, &row, 1, &normal);
-    }
-    if (p->n_segments == 1) /* nothing that Eq. 1 does not know */
-        memset(total.trust, 0, sizeof total.trust);
-    ls_linear_block_solve(p, options, &normal, &total, &matrix);
-    for (uint32_t j = 0; j < n; j++)
-        for (uint32_t c = 0; c < p->n_out; c++)
-            for (uint32_t a = 0; a < p->n_in; a++)
-                *out++ = (float)matrix.m[c][a][j];
-}
-
-enum ls_err ls_linear_fit(const struct ls_linear_pictures *pictures,
-                          const struct ls_linear_options *options, uint32_t first_row,
-                          uint32_t n_rows, float *out, struct ls_diag *diag)
-{
-    struct ls_linear_sums sums;
-    enum ls_err err = ls_linear_sums_init(pictures, options, first_row, n_rows, &sums, diag);
-    size_t pixels = (size_t)n_rows * pictures->width, size = pictures->n_in * pictures->n_out;
-    for (size_t i = 0; i < pixels && !err; i += LS_LINEAR_BLOCK) {
-        uint32_t n = pixels - i < LS_LINEAR_BLOCK ? (uint32_t)(pixels - i) : LS_LINEAR_BLOCK;
-        fit_block(pictures, options, &sums, (size_t)first_row * pictures->width + i, n,
-                  out + i * size);
-    }
-    ls_linear_sums_finish(&sums);
-    return err;
 }
 
 void ls_linear_apply(const float *m, const float *v, size_t n, uint32_t n_in, uint32_t n_out,

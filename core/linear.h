@@ -50,6 +50,7 @@ enum {
     LS_LINEAR_MAX_INPUTS = 6,
     LS_LINEAR_MAX_OUTPUTS = 3,
     LS_LINEAR_MAX_SEGMENTS = 1024,
+    LS_LINEAR_MAX_STEP = 65536,
     LS_LINEAR_HALO_PX = LS_PROMOTE_HALO_PX, /* pixels around a result that it may depend on */
 };
 
@@ -103,7 +104,7 @@ LS_MUST_CHECK enum ls_err ls_linear_fit(const struct ls_linear_pictures *picture
 void ls_linear_apply(const float *m, const float *v, size_t n, uint32_t n_in, uint32_t n_out,
                      float *out);
 
-/** Squares summed over pixels; sums of bands may be added. */
+/** Squares summed over pixels; sums of parts may be added. */
 struct ls_linear_error {
     double difference; /* of predicted - photographed */
     double noise;      /* what noise of both should contribute to difference */
@@ -111,11 +112,32 @@ struct ls_linear_error {
     uint64_t pixels;
 };
 
+/** A rectangle of the pictures, and what is wanted of it. */
+struct ls_linear_part {
+    uint32_t x, y, width, height;
+    float *out;                    /* [height][width][n_out][n_in]; NULL: no M */
+    size_t out_stride;             /* floats from row to row; 0 = they follow each other */
+    uint32_t step;                 /* 0: nothing is left out; up to LS_LINEAR_MAX_STEP */
+    uint32_t first_x, first_y;     /* of the part: the first pixel and row of every step-th */
+    struct ls_linear_error *error; /* added to */
+    float *per_pixel;              /* [height][width], or NULL */
+};
+
+/**
+ * ls_linear_fit and ls_linear_leave_one_out in one, of a rectangle that carries LS_LINEAR_HALO_PX
+ * on all sides (less at the picture's border): the same bits for any split. Errors: theirs.
+ */
+LS_MUST_CHECK enum ls_err ls_linear_fit_part(const struct ls_linear_pictures *pictures,
+                                             const struct ls_linear_options *options,
+                                             const struct ls_linear_part *part,
+                                             struct ls_diag *diag);
+
 /**
  * The error of M without truth: each segment is left out of the fit (its row and its part of the
- * sums), exactly, by a rank-one downdate, and predicted from the rest. Every @step-th row of those
- * given is taken. Adds to *error; @per_pixel [n_rows][width], where not NULL, gets the relative
- * error of each pixel of the rows taken (others are not touched).
+ * sums), exactly, by a rank-one downdate, and predicted from the rest. Every @step-th pixel of
+ * every
+ * @step-th row of those given is taken. Adds to *error; @per_pixel [n_rows][width], where not NULL,
+ * gets the relative error of each pixel taken (others are not touched).
  *
  * sqrt(difference / total) estimates the relative RMS error of a single light's promoted picture,
  * as served, if segments were exposed as well as single lights: 0.75 to 0.95 of it on the simulated

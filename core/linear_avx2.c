@@ -1,0 +1,3 @@
+#include "core/linear_lanes.inc"
+
+const struct ls_linear_kernels ls_linear_kernels_avx2 = {fit, predict};
