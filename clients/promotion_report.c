@@ -25,6 +25,10 @@ void ls_promotion_report_keep(struct ls_promotion_report *report,
         to->spare_alarm = from->spare_alarm;
         to->left_out_error = from->left_out_error;
         to->left_out_share = from->left_out_share;
+        to->checked_lights = from->checked_lights;
+        to->checked_error = from->checked_error;
+        to->highlight_error = from->highlight_error;
+        to->highlight_share = from->highlight_share;
         report->n++;
     }
 }
@@ -32,6 +36,16 @@ void ls_promotion_report_keep(struct ls_promotion_report *report,
 static bool is_estimated(const struct ls_spectrum_said *said)
 {
     return said->left_out_share > 0 && isfinite(said->left_out_error);
+}
+
+static bool is_checked(const struct ls_spectrum_said *said)
+{
+    return said->checked_lights > 0 && isfinite(said->checked_error);
+}
+
+static bool has_highlights(const struct ls_spectrum_said *said)
+{
+    return is_checked(said) && said->highlight_share > 0 && isfinite(said->highlight_error);
 }
 
 /* What a spectrum was divided by. */
@@ -60,14 +74,28 @@ static void list_models(const struct ls_promotion_report *report, struct ls_exr_
         ls_exr_attrs_string(attrs, "lightstage/models", text);
 }
 
+/* The largest error of the spectra that have one. */
+static void add_worst(const struct ls_promotion_report *report, struct ls_exr_attrs *attrs)
+{
+    double left_out = -1, checked = -1, highlight = -1;
+    for (uint32_t i = 0; i < report->n; i++) {
+        const struct ls_spectrum_said *said = &report->spectrum[i];
+        left_out = is_estimated(said) ? fmax(left_out, said->left_out_error) : left_out;
+        checked = is_checked(said) ? fmax(checked, said->checked_error) : checked;
+        highlight = has_highlights(said) ? fmax(highlight, said->highlight_error) : highlight;
+    }
+    if (left_out >= 0)
+        ls_exr_attrs_float(attrs, "lightstage/leftOutError", (float)left_out);
+    if (checked >= 0)
+        ls_exr_attrs_float(attrs, "lightstage/checkedError", (float)checked);
+    if (highlight >= 0)
+        ls_exr_attrs_float(attrs, "lightstage/highlightError", (float)highlight);
+}
+
 void ls_promotion_report_attrs(const struct ls_promotion_report *report, bool baseline,
                                struct ls_exr_attrs *attrs)
 {
     const struct ls_spectrum_said *said = first_promoted(report);
-    double worst = -1;
-    for (uint32_t i = 0; i < report->n; i++)
-        if (is_estimated(&report->spectrum[i]))
-            worst = fmax(worst, report->spectrum[i].left_out_error);
     ls_exr_attrs_string(attrs, "lightstage/model",
                         baseline ? "tristimulus"
                         : said   ? ls_model_name(said->model)
@@ -75,8 +103,7 @@ void ls_promotion_report_attrs(const struct ls_promotion_report *report, bool ba
     ls_exr_attrs_string(attrs, "lightstage/reference",
                         said && !baseline ? reference_of(said) : "none");
     list_models(report, attrs);
-    if (worst >= 0)
-        ls_exr_attrs_float(attrs, "lightstage/leftOutError", (float)worst);
+    add_worst(report, attrs);
 }
 
 static json_t *spectrum_json(const struct ls_spectrum_said *said)
@@ -88,6 +115,14 @@ static json_t *spectrum_json(const struct ls_spectrum_said *said)
     if (is_estimated(said)) {
         json_object_set_new(out, "left_out_error", json_real(said->left_out_error));
         json_object_set_new(out, "left_out_share", json_real(said->left_out_share));
+    }
+    if (is_checked(said)) {
+        json_object_set_new(out, "checked_lights", json_integer(said->checked_lights));
+        json_object_set_new(out, "checked_error", json_real(said->checked_error));
+    }
+    if (has_highlights(said)) {
+        json_object_set_new(out, "highlight_error", json_real(said->highlight_error));
+        json_object_set_new(out, "highlight_share", json_real(said->highlight_share));
     }
     if (said->model == LIGHTSTAGE__MODEL__SEPARATED)
         json_object_set_new(out, "inseparable_lights", json_integer(said->inseparable_lights));
@@ -120,6 +155,12 @@ void ls_promotion_report_print(const struct ls_promotion_report *report)
                    "other light came after the darks, something saturated, or the supply's sag is "
                    "not the calibrated one\n",
                    said->channel, said->spare_deviation);
+        if (is_checked(said))
+            printf("%s: held against %u lights photographed alone: %.2f %% off\n", said->channel,
+                   said->checked_lights, 100 * said->checked_error);
+        if (has_highlights(said))
+            printf("%s: their highlights: %.2f %% off\n", said->channel,
+                   100 * said->highlight_error);
         if (said->model == LIGHTSTAGE__MODEL__SEPARATED && said->inseparable_lights > 0)
             printf("%s: %u lights are inseparable: promoted whole, by Eq. 1\n", said->channel,
                    said->inseparable_lights);

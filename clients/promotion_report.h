@@ -21,6 +21,8 @@ struct ls_spectrum_said {
     uint32_t multiplexed;                  /* 0: one by one */
     double spare_deviation;                /* sigmas */
     bool spare_alarm;
+    uint32_t checked_lights;               /* 0: no checks */
+    double checked_error, highlight_error, highlight_share;
 };
 
 enum { LS_SPECTRA_SAID = 16 };
@@ -37,7 +39,8 @@ void ls_promotion_report_keep(struct ls_promotion_report *report,
 /** OpenEXR attributes: lightstage/model, the model by which any of the spectra was promoted, else
  * "measured"; lightstage/reference, what it was divided by, else "none"; lightstage/models, each
  * channel with its own, where there are several; lightstage/leftOutError, the largest, where
- * estimated. @baseline: the tristimulus picture. Errors stay in attrs->err. */
+ * estimated; lightstage/checkedError and lightstage/highlightError likewise, where checked.
+ * @baseline: the tristimulus picture. Errors stay in attrs->err. */
 void ls_promotion_report_attrs(const struct ls_promotion_report *report, bool baseline,
                                struct ls_exr_attrs *attrs);
 

@@ -91,7 +91,8 @@ static enum ls_err start(struct fetch_job *self, struct ls_diag *diag)
     self->channel = (uint32_t)channel;
     err = ls_picture_region_check(&self->region, self->source->width, self->source->height, diag);
     if (!err && !self->full_sphere)
-        err = ls_promotion_find(self->source, &self->promotion, self->channel, &self->way, diag);
+        err = ls_promotion_find(self->source, &self->promotion, self->channel, &self->job,
+                                &self->way, diag);
     return err ? err : choose_lights(self, diag);
 }
 
@@ -193,7 +194,8 @@ static enum ls_err open_render(struct fetch_job *self, struct ls_diag *diag)
                                       .n_terms = 1,
                                       .n_pictures = 1,
                                       .mosaic = !self->rgb,
-                                      .region = self->region};
+                                      .region = self->region,
+                                      .asker = &self->job};
     return ls_render_open(self->source, &job, &self->render, diag);
 }
 

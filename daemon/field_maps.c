@@ -18,8 +18,12 @@ struct entry {
     struct ls_map_file file;
 };
 
+enum { LOOK_US = 100000 }; /* for a cancelled asker, while another makes maps */
+
 struct ls_field_maps {
-    GMutex lock;
+    GMutex lock; /* of `making`, and of entries while nobody does */
+    GCond made;
+    bool making;
     struct entry entry[LS_MAP_KINDS][LS_FIELD_MAX_SPECTRA];
 };
 
@@ -29,6 +33,7 @@ enum ls_err ls_field_maps_create(struct ls_field_maps **out, struct ls_diag *dia
     if (!maps)
         return ls_fail(diag, LS_ERR_NOMEM, "out of memory opening a take's field");
     g_mutex_init(&maps->lock);
+    g_cond_init(&maps->made);
     *out = maps;
     return LS_OK;
 }
@@ -47,6 +52,7 @@ void ls_field_maps_destroy(struct ls_field_maps *maps)
     for (int kind = 0; kind < LS_MAP_KINDS; kind++)
         for (int s = 0; s < LS_FIELD_MAX_SPECTRA; s++)
             entry_finish(&maps->entry[kind][s]);
+    g_cond_clear(&maps->made);
     g_mutex_clear(&maps->lock);
     free(maps);
 }
@@ -132,6 +138,7 @@ enum ls_err ls_field_maps_possible(const struct ls_field_source *source,
 /* Spectra whose ratios are made together. */
 struct ratios {
     struct ls_field_source *source;
+    const struct ls_job *asker;
     enum ls_field_map_kind kind;
     uint32_t n, spectra[LS_FIELD_MAX_SPECTRA];
     bool squares; /* v_rows has the squares of its weights behind them */
@@ -141,7 +148,8 @@ struct ratios {
     struct entry made[LS_FIELD_MAX_SPECTRA];
 };
 
-/* What makes V of white, and, where multiplexed pictures make it, the light its shot noise is of. */
+/* What makes V of white, and, where multiplexed pictures make it, the light its shot noise is of.
+ */
 static enum ls_err fill_v(struct ratios *r, uint32_t q, const double *w, uint32_t n_v,
                           struct ls_diag *diag)
 {
@@ -224,7 +232,8 @@ static enum ls_err run_ratios(struct ratios *r, float **maps, struct ls_diag *di
                                      .squares = r->squares,
                                      .f_rows = r->f_rows,
                                      .neutral = (const double(*)[3])r->neutral,
-                                     .maps = maps};
+                                     .maps = maps,
+                                     .asker = r->asker};
     return err ? err : ls_ratio_maps_make(&source->field, &job, diag);
 }
 
@@ -236,7 +245,8 @@ static enum ls_err run_separated(struct ratios *r, float **maps, struct ls_diag 
     for (uint32_t q = 0; q < r->n; q++)
         r->made[q].map.n_inseparable = separation.inseparable;
     if (!err)
-        err = ls_separated_maps_make(r->source, &separation, r->spectra, r->n, maps, diag);
+        err =
+            ls_separated_maps_make(r->source, &separation, r->spectra, r->n, r->asker, maps, diag);
     ls_separation_finish(&separation);
     return err;
 }
@@ -256,9 +266,9 @@ static enum ls_err run(struct ratios *r, struct ls_diag *diag)
 
 /* Of every spectrum of which it can be made and was not yet: they cost one pass together. */
 static enum ls_err make_ratios(struct ls_field_source *source, enum ls_field_map_kind kind,
-                               struct ls_diag *diag)
+                               const struct ls_job *asker, struct ls_diag *diag)
 {
-    struct ratios r = {.source = source, .kind = kind};
+    struct ratios r = {.source = source, .asker = asker, .kind = kind};
     struct entry *entry = source->promoted->entry[kind];
     for (uint32_t s = 1; s < source->field.n_spectra; s++)
         if (!entry[s].map.values && !ls_field_maps_possible(source, kind, s, NULL))
@@ -280,109 +290,237 @@ static enum ls_err make_ratios(struct ls_field_source *source, enum ls_field_map
 
 /* ---- matrices ---- */
 
-/* White, then every other spectrum of which each light was photographed. */
-static void choose_inputs(const struct ls_field_source *source, struct ls_linear_job *job,
-                          struct ls_field_map *map)
+/* Spectra whose matrices are made together: all of one division of the dome. */
+struct fits {
+    struct ls_field_source *source;
+    struct ls_linear_job job;
+    struct ls_linear_target targets[LS_FIELD_MAX_SPECTRA];
+    struct ls_field_segments *segments[LS_FIELD_MAX_SPECTRA];
+    struct entry made[LS_FIELD_MAX_SPECTRA];
+    uint32_t inputs[LS_LINEAR_MAX_INPUTS];
+    double *phi;
+};
+
+static const struct ls_light_set *set_of(const struct ls_field_source *source, uint32_t s)
 {
+    return s ? &source->set[source->channel_of[s]] : &source->white;
+}
+
+/* Was each light photographed in it? Then it is an input, and is served as it is. */
+static bool is_whole(const struct ls_field_source *source, uint32_t s)
+{
+    const struct ls_light_set *set = set_of(source, s);
+    return set->n_found > 0 && set->n_found == set->n_pictures &&
+           !ls_light_set_ready(source, set, NULL);
+}
+
+/* White, then every other spectrum of which each light was photographed. */
+static void choose_inputs(struct fits *fits, uint32_t s)
+{
+    const struct ls_field_source *source = fits->source;
     const struct ls_field *field = &source->field;
+    struct ls_linear_job *job = &fits->job;
     uint32_t colours = field->n_channels;
-    for (uint32_t s = 0; s < field->n_spectra; s++) {
-        const struct ls_light_set *set = s ? &source->set[source->channel_of[s]] : &source->white;
-        if (s == job->s || set->n_found == 0 || set->n_found < set->n_pictures ||
-            ls_light_set_ready(source, set, NULL) ||
-            (job->n_sets + 1) * colours > LS_LINEAR_MAX_INPUTS)
+    for (uint32_t k = 0; k < field->n_spectra; k++) {
+        if (k == s || !is_whole(source, k) || (job->n_sets + 1) * colours > LS_LINEAR_MAX_INPUTS)
             continue;
         for (uint32_t c = 0; c < colours; c++)
-            job->p_in[job->n_sets * colours + c] = field->p[s * colours + c];
-        map->inputs[job->n_sets] = s;
-        job->set[job->n_sets++] = set;
+            job->p_in[job->n_sets * colours + c] = field->p[k * colours + c];
+        fits->inputs[job->n_sets] = k;
+        job->set[job->n_sets++] = set_of(source, k);
     }
-    map->n_inputs = job->n_sets;
 }
 
-static enum ls_err make_phi(const struct ls_field_source *source, struct ls_linear_job *job,
-                            struct ls_field_map *map, struct ls_diag *diag)
+/* Lights of s that were photographed alone; of many, some evenly spread over the rig's rows. */
+static void choose_checks(const struct ls_field_source *source, struct ls_linear_target *target)
 {
-    const struct ls_field *field = &source->field;
-    if (field->n_channels > 1 || job->n_sets > 1)
-        return LS_OK;
-    map->n_inputs = 0;
-    map->phi = calloc((size_t)field->n_lights * job->n_segments, sizeof *map->phi);
-    if (!map->phi)
-        return ls_fail(diag, LS_ERR_NOMEM, "out of memory for %u segments", job->n_segments);
-    job->phi = map->phi;
-    return ls_mono_blend_weights(field->directions, field->n_lights, job->segment, job->n_segments,
-                                 map->phi, diag);
-}
-
-static void note_error(const struct ls_field_source *source, const struct ls_linear_error *error,
-                       struct ls_field_map *map)
-{
-    if (error->pixels == 0 || !(error->total > 0))
+    const struct ls_light_set *set = set_of(source, target->s);
+    uint32_t n = set->n_found < LS_LINEAR_MAX_CHECKS ? set->n_found : LS_LINEAR_MAX_CHECKS;
+    target->photographed = set;
+    if (is_whole(source, target->s))
         return;
-    map->left_out_error = sqrt(fmax(error->difference, 0) / error->total);
-    map->left_out_share = (double)error->pixels / ((double)source->width * source->height);
+    for (uint32_t i = 0, found = 0; i < source->field.n_lights && target->n_checks < n; i++) {
+        if (!ls_light_set_has(source, set, i))
+            continue;
+        if (found++ >= (uint64_t)target->n_checks * set->n_found / n)
+            target->checks[target->n_checks++] = i;
+    }
 }
 
-static enum ls_err make_linear(struct ls_field_source *source, uint32_t s, struct entry *entry,
-                               struct ls_diag *diag)
+static enum ls_err add_target(struct fits *fits, uint32_t s, struct ls_diag *diag)
 {
     struct ls_field_segments *segments = malloc(sizeof *segments);
-    struct ls_linear_error error = {0};
-    struct ls_linear_job job = {.field = &source->field, .s = s};
+    struct ls_linear_job *job = &fits->job;
     if (!segments)
         return ls_fail(diag, LS_ERR_NOMEM, "out of memory for segments");
-    enum ls_err err = ls_field_segments_find(source, source->channel_of[s], segments, diag);
-    if (!err) {
-        job.n_segments = entry->map.n_segments = segments->n;
-        job.f = segments->pictures;
-        job.factor = segments->factor;
-        job.segment = segments->segment;
-        choose_inputs(source, &job, &entry->map);
-        err = make_phi(source, &job, &entry->map, diag);
+    enum ls_err err =
+        ls_field_segments_find(fits->source, fits->source->channel_of[s], segments, diag);
+    const struct ls_field_segments *first = job->n_targets > 0 ? fits->segments[0] : segments;
+    if (err || segments->n != first->n ||
+        memcmp(segments->segment, first->segment,
+               fits->source->field.n_lights * sizeof *segments->segment) != 0) {
+        free(segments);
+        return err;
     }
-    uint32_t colours = source->field.n_channels;
-    if (!err)
-        err = entry_open(source, entry, job.phi ? job.n_segments : colours * colours * job.n_sets,
-                         diag);
-    job.map = entry->file.base;
-    if (!err)
-        err = ls_linear_maps_make(&job, &error, diag);
-    free(segments);
-    note_error(source, &error, &entry->map);
-    entry->map.values = err ? NULL : entry->file.base;
+    fits->segments[job->n_targets] = segments;
+    fits->targets[job->n_targets] =
+        (struct ls_linear_target){.s = s, .f = segments->pictures, .factor = segments->factor};
+    choose_checks(fits->source, &fits->targets[job->n_targets++]);
+    return LS_OK;
+}
+
+/* @s, and all that cost little more in the same pass over the field. */
+static enum ls_err choose_targets(struct fits *fits, uint32_t s, struct ls_diag *diag)
+{
+    const struct ls_field_source *source = fits->source;
+    const struct entry *entry = source->promoted->entry[LS_MAP_LINEAR];
+    enum ls_err err = add_target(fits, s, diag);
+    bool alone = is_whole(source, s);
+    for (uint32_t k = 1; k < source->field.n_spectra && !err && !alone; k++)
+        if (k != s && !entry[k].map.values && !is_whole(source, k) &&
+            !ls_field_maps_possible(source, LS_MAP_LINEAR, k, NULL))
+            err = add_target(fits, k, diag);
+    return err;
+}
+
+static enum ls_err make_phi(struct fits *fits, struct ls_diag *diag)
+{
+    const struct ls_field *field = &fits->source->field;
+    struct ls_linear_job *job = &fits->job;
+    if (field->n_channels > 1 || job->n_sets > 1)
+        return LS_OK;
+    fits->phi = calloc((size_t)field->n_lights * job->n_segments, sizeof *fits->phi);
+    if (!fits->phi)
+        return ls_fail(diag, LS_ERR_NOMEM, "out of memory for %u segments", job->n_segments);
+    job->phi = fits->phi;
+    return ls_mono_blend_weights(field->directions, field->n_lights, job->segment, job->n_segments,
+                                 fits->phi, diag);
+}
+
+static enum ls_err open_entry(struct fits *fits, uint32_t t, struct ls_diag *diag)
+{
+    const struct ls_linear_job *job = &fits->job;
+    const struct ls_field *field = &fits->source->field;
+    struct ls_field_map *map = &fits->made[t].map;
+    map->n_segments = job->n_segments;
+    map->n_inputs = job->phi ? 0 : job->n_sets;
+    memcpy(map->inputs, fits->inputs, sizeof map->inputs);
+    size_t n = (size_t)field->n_lights * job->n_segments;
+    if (job->phi && !(map->phi = malloc(n * sizeof *map->phi)))
+        return ls_fail(diag, LS_ERR_NOMEM, "out of memory for %u segments", job->n_segments);
+    if (job->phi)
+        memcpy(map->phi, fits->phi, n * sizeof *map->phi);
+    uint32_t matrix = field->n_channels * field->n_channels * job->n_sets;
+    enum ls_err err =
+        entry_open(fits->source, &fits->made[t], job->phi ? job->n_segments : matrix, diag);
+    fits->targets[t].map = fits->made[t].file.base;
+    return err;
+}
+
+static double relative(const struct ls_linear_error *error)
+{
+    return error->total > 0 ? sqrt(fmax(error->difference, 0) / error->total) : 0;
+}
+
+static void note_errors(const struct ls_field_source *source, const struct ls_linear_target *target,
+                        struct ls_field_map *map)
+{
+    double pixels = (double)source->width * source->height;
+    if (target->left_out.total > 0) {
+        map->left_out_error = relative(&target->left_out);
+        map->left_out_share = (double)target->left_out.pixels / pixels;
+    }
+    map->n_checked = target->n_checks;
+    map->checked_error = relative(&target->checked);
+    map->highlight_error = relative(&target->highlights);
+    if (target->n_checks > 0)
+        map->highlight_share = (double)target->highlights.pixels / (pixels * target->n_checks);
+}
+
+static enum ls_err fit(struct fits *fits, uint32_t s, struct ls_diag *diag)
+{
+    struct ls_linear_job *job = &fits->job;
+    enum ls_err err = choose_targets(fits, s, diag);
+    if (err)
+        return err;
+    job->n_segments = fits->segments[0]->n;
+    job->segment = fits->segments[0]->segment;
+    choose_inputs(fits, s);
+    err = make_phi(fits, diag);
+    for (uint32_t t = 0; t < job->n_targets && !err; t++)
+        err = open_entry(fits, t, diag);
+    return err ? err : ls_linear_maps_make(job, diag);
+}
+
+static enum ls_err make_linear(struct ls_field_source *source, uint32_t s,
+                               const struct ls_job *asker, struct ls_diag *diag)
+{
+    struct fits *fits = calloc(1, sizeof *fits);
+    struct entry *entry = source->promoted->entry[LS_MAP_LINEAR];
+    if (!fits)
+        return ls_fail(diag, LS_ERR_NOMEM, "out of memory for segments");
+    fits->source = source;
+    fits->job = (struct ls_linear_job){
+        .field = &source->field, .targets = fits->targets, .crew = {ls_crew_threads(), asker}};
+    enum ls_err err = fit(fits, s, diag);
+    for (uint32_t t = 0; t < fits->job.n_targets; t++) {
+        free(fits->segments[t]);
+        if (err) {
+            entry_finish(&fits->made[t]);
+            continue;
+        }
+        note_errors(source, &fits->targets[t], &fits->made[t].map);
+        fits->made[t].map.values = fits->made[t].file.base;
+        entry[fits->targets[t].s] = fits->made[t];
+    }
+    free(fits->phi);
+    free(fits);
     return err;
 }
 
 /* ---- asking ---- */
 
 static enum ls_err make(struct ls_field_source *source, enum ls_field_map_kind kind, uint32_t s,
-                        struct ls_diag *diag)
+                        const struct ls_job *asker, struct ls_diag *diag)
 {
-    struct entry made = {0};
-    if (kind != LS_MAP_LINEAR)
-        return make_ratios(source, kind, diag);
-    enum ls_err err = make_linear(source, s, &made, diag);
-    if (err)
-        entry_finish(&made);
-    else
-        source->promoted->entry[kind][s] = made;
-    return err;
+    return kind == LS_MAP_LINEAR ? make_linear(source, s, asker, diag)
+                                 : make_ratios(source, kind, asker, diag);
+}
+
+/* Wait until nobody makes maps; still ours to give up. */
+static enum ls_err take_turn(struct ls_field_maps *maps, const struct ls_job *asker,
+                             struct ls_diag *diag)
+{
+    while (maps->making) {
+        g_cond_wait_until(&maps->made, &maps->lock, g_get_monotonic_time() + LOOK_US);
+        if (asker && ls_job_cancelled(asker))
+            return ls_fail(diag, LS_ERR_ABORTED, "cancelled");
+    }
+    return LS_OK;
 }
 
 enum ls_err ls_field_maps_get(struct ls_field_source *source, enum ls_field_map_kind kind,
-                              uint32_t s, const struct ls_field_map **out, struct ls_diag *diag)
+                              uint32_t s, const struct ls_job *asker,
+                              const struct ls_field_map **out, struct ls_diag *diag)
 {
-    struct ls_field_map *map = &source->promoted->entry[kind][s].map;
+    struct ls_field_maps *maps = source->promoted;
+    struct ls_field_map *map = &maps->entry[kind][s].map;
     enum ls_err err = ls_field_maps_possible(source, kind, s, diag);
     if (err)
         return err;
-    g_mutex_lock(&source->promoted->lock);
-    if (!map->values)
-        err = make(source, kind, s, diag);
+    g_mutex_lock(&maps->lock);
+    err = take_turn(maps, asker, diag);
+    if (!err && !map->values) {
+        maps->making = true;
+        g_mutex_unlock(&maps->lock);
+        err = make(source, kind, s, asker, diag);
+        g_mutex_lock(&maps->lock);
+        maps->making = false;
+        g_cond_broadcast(&maps->made);
+    }
+    g_mutex_unlock(&maps->lock);
     if (!err)
         err = ls_field_source_sound(source, false, diag);
     *out = map;
-    g_mutex_unlock(&source->promoted->lock);
     return err;
 }

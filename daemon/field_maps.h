@@ -11,6 +11,7 @@
 
 #include "core/error.h"
 #include "daemon/field_source.h"
+#include "daemon/job.h"
 
 #include <stdint.h>
 
@@ -29,11 +30,15 @@ struct ls_field_map {
     uint32_t depth;      /* ratios: n_channels; matrices: n_channels x n_inputs; blends: segments */
     /* of LINEAR */
     uint32_t n_segments;
-    uint32_t n_inputs;     /* 0: a blend of ratios */
-    uint32_t inputs[6];    /* spectra of which each light was photographed; white first */
-    double *phi;           /* blend: [n_lights][n_segments] */
-    double left_out_error; /* relative RMS of segments predicted from the others; 0 = none */
-    double left_out_share; /* of the picture's pixels it rests on */
+    uint32_t n_inputs;      /* 0: a blend of ratios */
+    uint32_t inputs[6];     /* spectra of which each light was photographed; white first */
+    double *phi;            /* blend: [n_lights][n_segments] */
+    double left_out_error;  /* relative RMS of segments predicted from the others; matrices only */
+    double left_out_share;  /* of the picture's pixels it rests on; 0 = no estimate */
+    uint32_t n_checked;     /* lights photographed alone too, up to LS_LINEAR_MAX_CHECKS */
+    double checked_error;   /* relative RMS of what the map makes of them, all pixels */
+    double highlight_error; /* where such a light is a highlight (core/linear.h) */
+    double highlight_share; /* of those lights' pixels that are; 0 = no such error */
     /* of SEPARATED */
     uint32_t n_inseparable; /* lights */
 };
@@ -49,12 +54,15 @@ LS_MUST_CHECK enum ls_err ls_field_maps_possible(const struct ls_field_source *s
                                                  struct ls_diag *diag);
 
 /**
- * The map of spectrum @s (not 0); the first call makes it, for ratios those of every other possible
- * spectrum too in the same pass over the field; later ones return at once. Errors: those of
+ * The map of spectrum @s (not 0); the first call makes it, and those of every other spectrum that
+ * the same pass over the field serves (of matrices: the same division of the dome); later ones
+ * return at once. Making, or waiting for another who does, ends with LS_ERR_ABORTED soon after
+ * @asker (or NULL) is cancelled; nothing is left half made. Other errors: those of
  * ls_field_maps_possible, ls_field_source_sound, ls_map_file_create and core. (transfer none).
  */
 LS_MUST_CHECK enum ls_err ls_field_maps_get(struct ls_field_source *source,
                                             enum ls_field_map_kind kind, uint32_t s,
+                                            const struct ls_job *asker,
                                             const struct ls_field_map **out, struct ls_diag *diag);
 
 /** NULL is allowed. */

@@ -1,30 +1,44 @@
 #include "daemon/linear_maps.h"
 
 #include "core/mono_blend.h"
+#include "core/relight.h"
 #include "daemon/light_set.h"
-#include "daemon/row_sums.h"
+#include "daemon/linear_check.h"
+#include "daemon/segment_sums.h"
 
 #include <math.h>
 #include <stdlib.h>
 
-enum { LEAST_ROWS = 16, MOST_ROWS = 128, ERROR_STEP = 4, HALO_PX = LS_LINEAR_HALO_PX };
-static const size_t band_bytes = (size_t)100 << 20;
+enum { PIECE_PX = 128, LEAST_PX = 16, HALO_PX = LS_LINEAR_HALO_PX };
+enum { BORDER_PX = HALO_PX + LS_DEMOSAIC_HALO };
+static const size_t sums_bytes = (size_t)112 << 20, piece_bytes = (size_t)12 << 20;
 
-/* Everything one pass needs; bands share the buffers. */
-struct pass {
-    const struct ls_linear_job *job;
-    uint32_t colours, n_in, rows; /* rows of a band */
-    float *v_rows[LS_LINEAR_MAX_INPUTS], *f_rows;
-    struct ls_row_sums v[LS_LINEAR_MAX_INPUTS], f;
-    struct ls_linear_noise *v_noise, *f_noise, total_noise;
-    float **v_planes, **u_planes, **f_planes; /* [n_segments] -> padded band */
-    float *rgb;                               /* one demosaiced sum */
+/* What one thread fits a rectangle with. */
+struct room {
+    float *memory;
+    float **v, **u, **f; /* [n_segments] -> [padded height][padded width][n_in, 1, colours] */
+    float *rgb;          /* one demosaiced sum */
 };
 
-struct band {
-    uint32_t y0, y1;
-    struct ls_demosaic_region padded;
-    uint32_t top, end;
+struct errors {
+    struct ls_linear_error left_out, checked, highlights;
+};
+
+/* Noise of a target's sums. */
+struct noises {
+    struct ls_linear_noise *v, *f, total; /* [n_segments] */
+};
+
+/* Everything one pass over the field needs. */
+struct pass {
+    const struct ls_linear_job *job;
+    uint32_t colours, n_in, piece_px, n_pieces; /* across the picture */
+    struct ls_segment_sums sums;
+    uint32_t y0, y1;      /* the band to be fitted */
+    struct noises *noise; /* [sums.n] */
+    struct room *rooms;   /* [n_threads] */
+    unsigned n_rooms;
+    struct errors *errors; /* [sums.n][n_pieces] of a band */
 };
 
 static uint32_t above(uint32_t y, uint32_t halo)
@@ -37,54 +51,12 @@ static uint32_t below(uint32_t y, uint32_t halo, uint32_t height)
     return height - y > halo ? y + halo : height;
 }
 
-static struct band band_at(const struct pass *pass, uint32_t y0)
-{
-    const struct ls_field *field = pass->job->field;
-    struct band band = {.y0 = y0, .y1 = below(y0, pass->rows, field->height)};
-    uint32_t top = above(y0, HALO_PX), end = below(band.y1, HALO_PX, field->height);
-    band.padded = (struct ls_demosaic_region){0, top, field->width, end - top};
-    band.top = above(top, LS_DEMOSAIC_HALO);
-    band.end = below(end, LS_DEMOSAIC_HALO, field->height);
-    return band;
-}
-
-/* ---- weights and noise ---- */
-
-/* Weights of the lights of segment @q, of all of them blended (phi), or of all (neither): the
- * spectrum's strengths. */
-static void fill_lights(const struct ls_linear_job *job, uint32_t q, const double *phi, double *w)
-{
-    const double *g = job->field->g + (size_t)job->s * job->field->n_lights;
-    for (uint32_t i = 0; i < job->field->n_lights; i++)
-        w[i] = g[i] * (phi                           ? phi[(size_t)i * job->n_segments + q]
-                       : q < job->n_segments ? job->segment[i] == q
-                                             : 1);
-}
-
-/* V_g: lights of segment g under the spectrum's strengths; U_g: all lights, blended too. */
-static enum ls_err fill_v_rows(const struct pass *pass, uint32_t k, double *w, struct ls_diag *diag)
-{
-    const struct ls_linear_job *job = pass->job;
-    const struct ls_light_set *set = job->set[k];
-    uint32_t n_lights = job->field->n_lights;
-    enum ls_err err = LS_OK;
-    for (uint32_t q = 0; q < job->n_segments && !err; q++) {
-        float *row = pass->v_rows[k] + (size_t)q * set->n_pictures;
-        fill_lights(job, q, NULL, w);
-        err = ls_light_set_row(set, w, n_lights, row, diag);
-        if (err || !job->phi)
-            continue;
-        fill_lights(job, q, job->phi, w);
-        err = ls_light_set_row(set, w, n_lights, row + (size_t)job->n_segments * set->n_pictures,
-                               diag);
-    }
-    return err;
-}
+/* ---- noise ---- */
 
 static struct ls_linear_noise noise_of(const struct ls_field *field, const float *row, uint32_t n)
 {
     double squares = 0, sum = 0, largest = 0;
-    for (size_t j = 0; j < n; j++) {
+    for (uint32_t j = 0; j < n; j++) {
         squares += (double)row[j] * (double)row[j];
         sum += (double)row[j];
         largest = fmax(largest, (double)row[j]);
@@ -101,222 +73,332 @@ static struct ls_linear_noise v_noise_of(const struct ls_linear_job *job, const 
     const struct ls_light_set *set = job->set[0];
     struct ls_linear_noise noise = noise_of(job->field, row, set->n_pictures);
     if (ls_light_set_is_multiplexed(set))
-        noise.shot = job->field->noise.shot *
-                     ls_light_set_shot(set, w, job->field->n_lights, row);
+        noise.shot = job->field->noise.shot * ls_light_set_shot(set, w, job->field->n_lights, row);
     return noise;
 }
 
-static enum ls_err fill_noise(struct pass *pass, double *w, struct ls_diag *diag)
+static enum ls_err noises_init(struct noises *noise, const struct ls_linear_job *job,
+                               const struct ls_linear_target *target, struct ls_diag *diag)
 {
-    const struct ls_linear_job *job = pass->job;
-    uint32_t n = job->set[0]->n_pictures, n_segments = job->n_segments;
-    LS_CLEANUP_FREE float *all = calloc(n, sizeof *all);
-    if (!all)
-        return ls_fail(diag, LS_ERR_NOMEM, "out of memory for the weights of %u pictures", n);
-    for (uint32_t q = 0; q < n_segments; q++) {
-        fill_lights(job, q, NULL, w);
-        pass->v_noise[q] = v_noise_of(job, w, pass->v_rows[0] + (size_t)q * n);
-        pass->f_noise[q] = noise_of(job->field, pass->f_rows + (size_t)q * n_segments, n_segments);
+    LS_CLEANUP_FREE double *w = malloc(job->field->n_lights * sizeof *w);
+    LS_CLEANUP_FREE float *row = malloc(job->set[0]->n_pictures * sizeof *row);
+    enum ls_err err = LS_OK;
+    noise->v = calloc(job->n_segments, sizeof *noise->v);
+    noise->f = calloc(job->n_segments, sizeof *noise->f);
+    if (!w || !row || !noise->v || !noise->f)
+        return ls_fail(diag, LS_ERR_NOMEM, "out of memory for %u segments", job->n_segments);
+    for (uint32_t q = 0; q < job->n_segments && !err; q++) {
+        float factor = (float)target->factor[q];
+        err = ls_segment_row(job, target->s, 0, q, w, row, diag);
+        noise->v[q] = v_noise_of(job, w, row);
+        noise->f[q] = noise_of(job->field, &factor, 1);
     }
-    fill_lights(job, n_segments, NULL, w);
-    enum ls_err err = ls_light_set_row(job->set[0], w, job->field->n_lights, all, diag);
-    pass->total_noise = v_noise_of(job, w, all);
+    if (!err)
+        err = ls_segment_row(job, target->s, 0, UINT32_MAX, w, row, diag);
+    noise->total = v_noise_of(job, w, row);
     return err;
 }
 
 /* ---- life ---- */
 
-static void free_planes(float **planes, uint32_t n)
+static size_t floats_of_pixel(const struct pass *pass)
 {
-    for (uint32_t q = 0; planes && q < n; q++)
-        free(planes[q]);
-    free(planes);
+    uint32_t values = pass->n_in + pass->colours + (pass->job->phi ? 1 : 0);
+    return (size_t)pass->job->n_segments * values + pass->colours;
+}
+
+static size_t padded_px(const struct pass *pass)
+{
+    return (size_t)(pass->piece_px + 2 * HALO_PX) * (LS_TILE_SIDE + BORDER_PX + 2 * HALO_PX);
+}
+
+/* As wide as fits, and for no other reason: what is fitted does not depend on it. */
+static void choose_pieces(struct pass *pass)
+{
+    pass->piece_px = PIECE_PX;
+    while (pass->piece_px > LEAST_PX &&
+           padded_px(pass) * floats_of_pixel(pass) * sizeof(float) > piece_bytes)
+        pass->piece_px /= 2;
+    pass->n_pieces = (pass->job->field->width + pass->piece_px - 1) / pass->piece_px;
+}
+
+static enum ls_err room_init(struct room *room, const struct pass *pass)
+{
+    uint32_t n = pass->job->n_segments;
+    size_t padded = padded_px(pass);
+    room->memory = malloc(padded * floats_of_pixel(pass) * sizeof(float));
+    room->v = calloc((size_t)3 * n, sizeof *room->v);
+    if (!room->memory || !room->v)
+        return LS_ERR_NOMEM;
+    room->u = room->v + n;
+    room->f = room->u + n;
+    float *next = room->memory;
+    for (uint32_t g = 0; g < n; g++) {
+        room->v[g] = next;
+        room->f[g] = next += padded * pass->n_in;
+        next += padded * pass->colours;
+        room->u[g] = next;
+        next += pass->job->phi ? padded : 0;
+    }
+    room->rgb = next;
+    return LS_OK;
 }
 
 static void pass_finish(struct pass *pass)
 {
-    for (uint32_t k = 0; k < LS_LINEAR_MAX_INPUTS; k++) {
-        ls_row_sums_finish(&pass->v[k]);
-        free(pass->v_rows[k]);
+    for (uint32_t t = 0; pass->noise && t < pass->sums.n; t++) {
+        free(pass->noise[t].v);
+        free(pass->noise[t].f);
     }
-    ls_row_sums_finish(&pass->f);
-    free(pass->f_rows);
-    free(pass->v_noise);
-    free(pass->f_noise);
-    free_planes(pass->v_planes, pass->job->n_segments);
-    free_planes(pass->u_planes, pass->job->n_segments);
-    free_planes(pass->f_planes, pass->job->n_segments);
-    free(pass->rgb);
+    for (unsigned k = 0; pass->rooms && k < pass->n_rooms; k++) {
+        free(pass->rooms[k].memory);
+        free(pass->rooms[k].v);
+    }
+    free(pass->noise);
+    free(pass->rooms);
+    free(pass->errors);
+    ls_segment_sums_finish(&pass->sums);
 }
 
-static float **make_planes(uint32_t n, size_t floats)
-{
-    float **planes = calloc(n, sizeof *planes);
-    bool whole = planes != NULL;
-    for (uint32_t q = 0; whole && q < n; q++)
-        whole = (planes[q] = malloc(floats * sizeof(float))) != NULL;
-    if (!whole)
-        free_planes(planes, n);
-    return whole ? planes : NULL;
-}
-
-/* What the sums of a row of the picture take, with all that is made of them. */
-static void choose_rows(struct pass *pass)
+static enum ls_err allocate(struct pass *pass, struct ls_diag *diag)
 {
     const struct ls_linear_job *job = pass->job;
-    size_t sums = job->n_sets * (job->phi ? 2u : 1u) + 1;
-    size_t made = pass->n_in * (job->phi ? 2u : 1u) + pass->colours;
-    size_t row = sizeof(float) * job->field->width * job->n_segments * (sums + made);
-    size_t around = 2 * (HALO_PX + LS_DEMOSAIC_HALO) + LS_TILE_SIDE;
-    size_t rows = band_bytes / row;
-    rows = rows > around + LEAST_ROWS ? rows - around : LEAST_ROWS;
-    pass->rows = rows > MOST_ROWS ? MOST_ROWS : (uint32_t)(rows / LEAST_ROWS * LEAST_ROWS);
+    uint32_t n = pass->sums.n;
+    enum ls_err err = LS_OK;
+    pass->n_rooms = job->crew.n_threads < 1 ? 1 : job->crew.n_threads;
+    if (pass->n_rooms > LS_CREW_MAX_THREADS)
+        pass->n_rooms = LS_CREW_MAX_THREADS;
+    pass->noise = calloc(n, sizeof *pass->noise);
+    pass->rooms = calloc(pass->n_rooms, sizeof *pass->rooms);
+    pass->errors = calloc((size_t)n * pass->n_pieces, sizeof *pass->errors);
+    if (!pass->noise || !pass->rooms || !pass->errors)
+        return ls_fail(diag, LS_ERR_NOMEM, "out of memory for a fit");
+    for (uint32_t t = 0; t < n && !err; t++)
+        err = noises_init(&pass->noise[t], job, &job->targets[pass->sums.first + t], diag);
+    for (unsigned k = 0; k < pass->n_rooms && !err; k++)
+        if (room_init(&pass->rooms[k], pass))
+            err = ls_fail(diag, LS_ERR_NOMEM, "out of memory for a fit on %u segments",
+                          job->n_segments);
+    return err;
 }
 
-static enum ls_err allocate(struct pass *pass)
+static enum ls_err pass_init(struct pass *pass, uint32_t first, uint32_t n, struct ls_diag *diag)
 {
     const struct ls_linear_job *job = pass->job;
-    size_t n = job->n_segments, sums = n * (job->phi ? 2 : 1);
-    size_t padded = (size_t)job->field->width * (pass->rows + 2 * HALO_PX);
-    bool whole = true;
-    for (uint32_t k = 0; k < job->n_sets; k++)
-        whole &= (pass->v_rows[k] = calloc(sums * job->set[k]->n_pictures, sizeof(float))) != NULL;
-    pass->f_rows = calloc(n * n, sizeof *pass->f_rows);
-    pass->v_noise = calloc(n, sizeof *pass->v_noise);
-    pass->f_noise = calloc(n, sizeof *pass->f_noise);
-    pass->v_planes = make_planes(job->n_segments, padded * pass->n_in);
-    pass->f_planes = make_planes(job->n_segments, padded * pass->colours);
-    if (job->phi)
-        pass->u_planes = make_planes(job->n_segments, padded);
-    pass->rgb = malloc(padded * pass->colours * sizeof(float));
-    whole &= pass->f_rows && pass->v_noise && pass->f_noise && pass->v_planes && pass->f_planes &&
-             (!job->phi || pass->u_planes) && pass->rgb;
-    return whole ? LS_OK : LS_ERR_NOMEM;
-}
-
-static enum ls_err pass_init(struct pass *pass, struct ls_diag *diag)
-{
-    const struct ls_linear_job *job = pass->job;
-    const struct ls_demosaic_region whole = {0, 0, job->field->width, job->field->height};
     pass->colours = job->field->n_channels;
     pass->n_in = job->n_sets * pass->colours;
-    choose_rows(pass);
-    if (allocate(pass))
-        return ls_fail(diag, LS_ERR_NOMEM, "out of memory for a fit on %u segments",
-                       job->n_segments);
-    for (uint32_t q = 0; q < job->n_segments; q++)
-        pass->f_rows[(size_t)q * job->n_segments + q] = (float)job->factor[q];
-    LS_CLEANUP_FREE double *w = calloc(job->field->n_lights, sizeof *w);
-    enum ls_err err =
-        w ? LS_OK : ls_fail(diag, LS_ERR_NOMEM, "out of memory for the weights of lights");
-    for (uint32_t k = 0; k < job->n_sets && !err; k++) {
-        err = fill_v_rows(pass, k, w, diag);
-        const struct ls_accumulate_job v = {.pictures = job->set[k]->pictures,
-                                            .n_pictures = job->set[k]->n_pictures,
-                                            .n_sums = job->n_segments * (job->phi ? 2 : 1),
-                                            .weights = pass->v_rows[k]};
-        ls_row_sums_init(&pass->v[k], job->field, &v, &whole, 0);
+    choose_pieces(pass);
+    enum ls_err err = ls_segment_sums_init(&pass->sums, job, first, n, diag);
+    return err ? err : allocate(pass, diag);
+}
+
+/* ---- a rectangle ---- */
+
+struct piece {
+    struct ls_demosaic_region wanted, padded;
+    uint32_t t; /* target of the pass */
+};
+
+static struct piece piece_at(const struct pass *pass, uint32_t item)
+{
+    const struct ls_field *field = pass->job->field;
+    uint32_t x0 = item % pass->n_pieces * pass->piece_px;
+    uint32_t x1 = below(x0, pass->piece_px, field->width);
+    uint32_t left = above(x0, HALO_PX), right = below(x1, HALO_PX, field->width);
+    uint32_t top = above(pass->y0, HALO_PX), end = below(pass->y1, HALO_PX, field->height);
+    return (struct piece){.wanted = {x0, pass->y0, x1 - x0, pass->y1 - pass->y0},
+                          .padded = {left, top, right - left, end - top},
+                          .t = item / pass->n_pieces};
+}
+
+/* A sum, demosaiced, into @plane of [pixels][depth] at @at. */
+static enum ls_err fill_plane(const struct pass *pass, const struct room *room, const float *sum,
+                              const struct ls_demosaic_region *padded, float *plane, uint32_t depth,
+                              uint32_t at)
+{
+    uint32_t colours = pass->colours;
+    size_t n = (size_t)padded->width * padded->height;
+    float *to = depth == colours ? plane : room->rgb;
+    enum ls_err err = ls_relight_demosaic(pass->job->field, sum, pass->sums.window, *padded, to);
+    for (size_t p = 0; p < n && !err && depth != colours; p++)
+        for (uint32_t c = 0; c < colours; c++)
+            plane[p * depth + at + c] = room->rgb[p * colours + c];
+    return err;
+}
+
+static enum ls_err fill_planes(const struct pass *pass, const struct room *room,
+                               const struct piece *piece)
+{
+    const struct ls_linear_job *job = pass->job;
+    const struct ls_segment_sums *sums = &pass->sums;
+    enum ls_err err = LS_OK;
+    for (uint32_t g = 0; g < job->n_segments && !err; g++) {
+        err = fill_plane(pass, room, ls_segment_sums_f(sums, piece->t, g), &piece->padded,
+                         room->f[g], pass->colours, 0);
+        for (uint32_t k = 0; k < job->n_sets && !err; k++)
+            err = fill_plane(pass, room, ls_segment_sums_v(sums, piece->t, k, g), &piece->padded,
+                             room->v[g], pass->n_in, k * pass->colours);
+        if (!err && job->phi)
+            err = fill_plane(pass, room, ls_segment_sums_u(sums, piece->t, g), &piece->padded,
+                             room->u[g], 1, 0);
     }
-    const struct ls_accumulate_job f = {.pictures = job->f,
-                                        .n_pictures = job->n_segments,
-                                        .n_sums = job->n_segments,
-                                        .weights = pass->f_rows};
-    ls_row_sums_init(&pass->f, job->field, &f, &whole, 0);
-    return err ? err : fill_noise(pass, w, diag);
+    return err;
+}
+
+static const struct ls_linear_target *target_of(const struct pass *pass, const struct piece *piece)
+{
+    return &pass->job->targets[pass->sums.first + piece->t];
+}
+
+/* To the next multiple of the step. */
+static uint32_t first_of_step(uint32_t x)
+{
+    return (LS_LINEAR_ERROR_STEP - x % LS_LINEAR_ERROR_STEP) % LS_LINEAR_ERROR_STEP;
+}
+
+static enum ls_err fit_matrices(const struct pass *pass, const struct room *room,
+                                const struct piece *piece, struct ls_linear_error *error,
+                                struct ls_diag *diag)
+{
+    const struct ls_linear_job *job = pass->job;
+    const struct ls_linear_target *target = target_of(pass, piece);
+    const struct noises *noise = &pass->noise[piece->t];
+    const struct ls_demosaic_region *wanted = &piece->wanted, *padded = &piece->padded;
+    struct ls_linear_options options;
+    const struct ls_linear_pictures pictures = {.width = padded->width,
+                                                .height = padded->height,
+                                                .n_segments = job->n_segments,
+                                                .n_in = pass->n_in,
+                                                .n_out = pass->colours,
+                                                .v = (const float *const *)room->v,
+                                                .f = (const float *const *)room->f,
+                                                .v_noise = noise->v,
+                                                .f_noise = noise->f,
+                                                .total_noise = noise->total,
+                                                .p_in = job->p_in,
+                                                .p_out = job->field->p + target->s * pass->colours,
+                                                .inputs = {0, 1, 2},
+                                                .demosaiced = pass->colours > 1};
+    size_t size = (size_t)pass->colours * pass->n_in, stride = job->field->width * size;
+    const struct ls_linear_part part = {.x = wanted->x - padded->x,
+                                        .y = wanted->y - padded->y,
+                                        .width = wanted->width,
+                                        .height = wanted->height,
+                                        .out = target->map + wanted->y * stride + wanted->x * size,
+                                        .out_stride = stride,
+                                        .step = job->n_segments > 1 ? LS_LINEAR_ERROR_STEP : 0,
+                                        .first_x = first_of_step(wanted->x),
+                                        .first_y = first_of_step(wanted->y),
+                                        .error = error};
+    ls_linear_options_default(&options);
+    return ls_linear_fit_part(&pictures, &options, &part, diag);
+}
+
+static enum ls_err blend_ratios(const struct pass *pass, const struct room *room,
+                                const struct piece *piece, struct ls_diag *diag)
+{
+    const struct ls_linear_job *job = pass->job;
+    const struct ls_linear_target *target = target_of(pass, piece);
+    const struct noises *noise = &pass->noise[piece->t];
+    const struct ls_demosaic_region *wanted = &piece->wanted, *padded = &piece->padded;
+    const struct ls_mono_blend_pictures pictures = {.width = padded->width,
+                                                    .height = padded->height,
+                                                    .n_segments = job->n_segments,
+                                                    .v = (const float *const *)room->v,
+                                                    .u = (const float *const *)room->u,
+                                                    .f = (const float *const *)room->f,
+                                                    .v_noise = noise->v,
+                                                    .total_noise = noise->total,
+                                                    .neutral =
+                                                        job->field->p[target->s] / job->p_in[0]};
+    size_t n = job->n_segments, row = padded->width * n;
+    LS_CLEANUP_FREE float *ratios = malloc(wanted->height * row * sizeof *ratios);
+    if (!ratios)
+        return ls_fail(diag, LS_ERR_NOMEM, "out of memory for %zu ratios", n);
+    enum ls_err err =
+        ls_mono_blend_ratios(&pictures, wanted->y - padded->y, wanted->height, ratios, diag);
+    for (uint32_t y = 0; y < wanted->height && !err; y++)
+        for (size_t k = 0; k < wanted->width * n; k++)
+            target->map[((size_t)(wanted->y + y) * job->field->width + wanted->x) * n + k] =
+                ratios[y * row + (wanted->x - padded->x) * n + k];
+    return err;
+}
+
+static enum ls_err fit_piece(void *user, uint32_t item, unsigned thread, struct ls_diag *diag)
+{
+    const struct pass *pass = user;
+    const struct room *room = &pass->rooms[thread];
+    const struct piece piece = piece_at(pass, item);
+    struct errors *errors = &pass->errors[item];
+    *errors = (struct errors){0};
+    if (fill_planes(pass, room, &piece))
+        return ls_fail(diag, LS_ERR_INVALID, "rows %u to %u cannot be demosaiced", pass->y0,
+                       pass->y1);
+    enum ls_err err = pass->job->phi ? blend_ratios(pass, room, &piece, diag)
+                                     : fit_matrices(pass, room, &piece, &errors->left_out, diag);
+    const struct ls_linear_check check = {.job = pass->job,
+                                          .target = target_of(pass, &piece),
+                                          .wanted = piece.wanted,
+                                          .padded = piece.padded,
+                                          .v = (const float *const *)room->v};
+    return err ? err : ls_linear_check(&check, &errors->checked, &errors->highlights, diag);
 }
 
 /* ---- bands ---- */
 
-/* Sum @q, demosaiced, into @plane of [pixels][depth] at @at. */
-static enum ls_err fill_plane(struct pass *pass, const struct ls_row_sums *sums, uint32_t q,
-                              const struct band *band, float *plane, uint32_t depth, uint32_t at)
+static void add(struct ls_linear_error *sum, const struct ls_linear_error *part)
 {
-    uint32_t colours = pass->colours;
-    size_t n = (size_t)band->padded.width * band->padded.height;
-    float *to = depth == colours ? plane : pass->rgb;
-    enum ls_err err = ls_relight_demosaic(pass->job->field, ls_row_sums_get(sums, q), sums->window,
-                                          band->padded, to);
-    for (size_t p = 0; p < n && !err && depth != colours; p++)
-        for (uint32_t c = 0; c < colours; c++)
-            plane[p * depth + at + c] = pass->rgb[p * colours + c];
-    return err;
+    sum->difference += part->difference;
+    sum->noise += part->noise;
+    sum->total += part->total;
+    sum->pixels += part->pixels;
 }
 
-static enum ls_err fill_planes(struct pass *pass, const struct band *band, struct ls_diag *diag)
+static enum ls_err fit_band(struct pass *pass, struct ls_diag *diag)
 {
     const struct ls_linear_job *job = pass->job;
-    enum ls_err err = ls_row_sums_need(&pass->f, band->top, band->end, diag);
-    for (uint32_t k = 0; k < job->n_sets && !err; k++)
-        err = ls_row_sums_need(&pass->v[k], band->top, band->end, diag);
-    for (uint32_t q = 0; q < job->n_segments && !err; q++) {
-        err = fill_plane(pass, &pass->f, q, band, pass->f_planes[q], pass->colours, 0);
-        for (uint32_t k = 0; k < job->n_sets && !err; k++)
-            err = fill_plane(pass, &pass->v[k], q, band, pass->v_planes[q], pass->n_in,
-                             k * pass->colours);
-        if (!err && job->phi)
-            err = fill_plane(pass, &pass->v[0], job->n_segments + q, band, pass->u_planes[q], 1, 0);
+    uint32_t n = pass->sums.n * pass->n_pieces;
+    enum ls_err err = ls_crew_run(&job->crew, n, fit_piece, pass, diag);
+    for (uint32_t item = 0; item < n && !err; item++) {
+        struct ls_linear_target *target = &job->targets[pass->sums.first + item / pass->n_pieces];
+        add(&target->left_out, &pass->errors[item].left_out);
+        add(&target->checked, &pass->errors[item].checked);
+        add(&target->highlights, &pass->errors[item].highlights);
     }
     return err;
 }
 
-static enum ls_err fit_matrices(struct pass *pass, const struct band *band,
-                                struct ls_linear_error *error, struct ls_diag *diag)
+/* A tile row is read, and fitted as far as the rows below are there. */
+static enum ls_err run(struct pass *pass, struct ls_diag *diag)
 {
-    const struct ls_linear_job *job = pass->job;
-    struct ls_linear_options options;
-    struct ls_linear_pictures pictures = {.width = band->padded.width,
-                                          .height = band->padded.height,
-                                          .n_segments = job->n_segments,
-                                          .n_in = pass->n_in,
-                                          .n_out = pass->colours,
-                                          .v = (const float *const *)pass->v_planes,
-                                          .f = (const float *const *)pass->f_planes,
-                                          .v_noise = pass->v_noise,
-                                          .f_noise = pass->f_noise,
-                                          .total_noise = pass->total_noise,
-                                          .p_in = job->p_in,
-                                          .p_out = job->field->p + job->s * pass->colours,
-                                          .inputs = {0, 1, 2},
-                                          .demosaiced = pass->colours > 1};
-    uint32_t first = band->y0 - band->padded.y, n = band->y1 - band->y0;
-    ls_linear_options_default(&options);
-    float *out = job->map + (size_t)band->y0 * job->field->width * pass->colours * pass->n_in;
-    enum ls_err err = ls_linear_fit(&pictures, &options, first, n, out, diag);
-    if (!err && job->n_segments > 1)
-        err = ls_linear_leave_one_out(&pictures, &options, first, n, ERROR_STEP, error, NULL, diag);
-    return err;
-}
-
-static enum ls_err blend_ratios(struct pass *pass, const struct band *band, struct ls_diag *diag)
-{
-    const struct ls_linear_job *job = pass->job;
-    const struct ls_mono_blend_pictures pictures = {.width = band->padded.width,
-                                                    .height = band->padded.height,
-                                                    .n_segments = job->n_segments,
-                                                    .v = (const float *const *)pass->v_planes,
-                                                    .u = (const float *const *)pass->u_planes,
-                                                    .f = (const float *const *)pass->f_planes,
-                                                    .v_noise = pass->v_noise,
-                                                    .total_noise = pass->total_noise,
-                                                    .neutral =
-                                                        job->field->p[job->s] / job->p_in[0]};
-    float *out = job->map + (size_t)band->y0 * job->field->width * job->n_segments;
-    return ls_mono_blend_ratios(&pictures, band->y0 - band->padded.y, band->y1 - band->y0, out,
-                                diag);
-}
-
-enum ls_err ls_linear_maps_make(const struct ls_linear_job *job, struct ls_linear_error *error,
-                                struct ls_diag *diag)
-{
-    struct pass pass = {.job = job};
-    enum ls_err err = pass_init(&pass, diag);
-    for (uint32_t y = 0; y < job->field->height && !err; y += pass.rows) {
-        struct band band = band_at(&pass, y);
-        err = fill_planes(&pass, &band, diag);
+    uint32_t height = pass->job->field->height;
+    enum ls_err err = LS_OK;
+    for (pass->y1 = 0; pass->y1 < height && !err;) {
+        pass->y0 = pass->y1;
+        err = ls_segment_sums_advance(&pass->sums, above(pass->y0, BORDER_PX), diag);
+        uint32_t end = pass->sums.window.y + pass->sums.window.height;
+        pass->y1 = end == height ? end : end - BORDER_PX;
         if (!err)
-            err = job->phi ? blend_ratios(&pass, &band, diag)
-                           : fit_matrices(&pass, &band, error, diag);
+            err = fit_band(pass, diag);
     }
-    pass_finish(&pass);
+    return err;
+}
+
+enum ls_err ls_linear_maps_make(const struct ls_linear_job *job, struct ls_diag *diag)
+{
+    size_t fit = sums_bytes / ls_segment_sums_bytes(job);
+    uint32_t together = fit < 1 ? 1 : fit < job->n_targets ? (uint32_t)fit : job->n_targets;
+    enum ls_err err = LS_OK;
+    for (uint32_t t = 0; t < job->n_targets; t++)
+        job->targets[t].left_out = job->targets[t].checked = job->targets[t].highlights =
+            (struct ls_linear_error){0};
+    for (uint32_t first = 0; first < job->n_targets && !err; first += together) {
+        struct pass pass = {.job = job};
+        uint32_t left = job->n_targets - first;
+        err = pass_init(&pass, first, left < together ? left : together, diag);
+        if (!err)
+            err = run(&pass, diag);
+        pass_finish(&pass);
+    }
     return err;
 }

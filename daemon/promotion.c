@@ -49,7 +49,8 @@ static enum ls_field_map_kind map_kind(const struct ls_promotion *promotion)
 }
 
 /* White is as it was photographed whatever the model; so is a spectrum of which each light was,
- * under MEASURED and LINEAR; of some lights only, LINEAR goes by the segments where there are any. */
+ * under MEASURED and LINEAR; of some lights only, LINEAR goes by the segments where there are any.
+ */
 static const struct ls_light_set *photographed(const struct ls_field_source *source,
                                                const struct ls_promotion *promotion,
                                                uint32_t channel)
@@ -61,8 +62,7 @@ static const struct ls_light_set *photographed(const struct ls_field_source *sou
     const struct ls_light_set *set = &source->set[channel];
     bool whole = set->n_found == set->n_pictures ||
                  !ls_field_source_planned(source, LS_FACT_SEGMENT, channel, -1);
-    if (set->n_found > 0 &&
-        (measured || (promotion->model == LIGHTSTAGE__MODEL__LINEAR && whole)))
+    if (set->n_found > 0 && (measured || (promotion->model == LIGHTSTAGE__MODEL__LINEAR && whole)))
         return set;
     return NULL;
 }
@@ -140,14 +140,15 @@ static void add_offers(const struct ls_field_source *source, uint32_t channel, s
 }
 
 enum ls_err ls_promotion_find(struct ls_field_source *source, const struct ls_promotion *promotion,
-                              uint32_t channel, struct ls_way *out, struct ls_diag *diag)
+                              uint32_t channel, const struct ls_job *asker, struct ls_way *out,
+                              struct ls_diag *diag)
 {
     enum ls_err err = choose(source, promotion, channel, out, diag);
     if (err == LS_ERR_STATE || err == LS_ERR_NOT_FOUND)
         add_offers(source, channel, diag);
     if (err || out->kind == LS_WAY_PHOTOGRAPHED)
         return err;
-    err = ls_field_maps_get(source, map_kind(promotion), out->spectrum, &out->map, diag);
+    err = ls_field_maps_get(source, map_kind(promotion), out->spectrum, asker, &out->map, diag);
     if (!err && out->kind == LS_WAY_MATRIX && out->map->n_inputs == 0) {
         out->kind = LS_WAY_BLEND;
         out->set = &source->white;
@@ -184,5 +185,9 @@ void ls_promotion_report(const struct ls_field_source *source, const struct ls_p
     out->segments = way->map->n_segments;
     out->left_out_error = way->map->left_out_error;
     out->left_out_share = way->map->left_out_share;
+    out->checked_lights = way->map->n_checked;
+    out->checked_error = way->map->checked_error;
+    out->highlight_error = way->map->highlight_error;
+    out->highlight_share = way->map->highlight_share;
     out->inseparable_lights = way->map->n_inseparable;
 }

@@ -57,9 +57,10 @@ static enum ls_err pass_init(struct pass *pass, struct ls_diag *diag)
 {
     const struct ls_field *field = pass->field;
     const struct ls_ratio_job *job = pass->job;
-    const struct ls_accumulate_job v = {
-        .pictures = job->v, .n_pictures = job->n_v, .n_sums = job->squares ? 2 * job->n : job->n,
-        .weights = job->v_rows};
+    const struct ls_accumulate_job v = {.pictures = job->v,
+                                        .n_pictures = job->n_v,
+                                        .n_sums = job->squares ? 2 * job->n : job->n,
+                                        .weights = job->v_rows};
     const struct ls_accumulate_job f = {
         .pictures = job->f, .n_pictures = job->n_f, .n_sums = job->n, .weights = job->f_rows};
     const struct ls_demosaic_region whole = {0, 0, field->width, field->height};
@@ -137,7 +138,9 @@ enum ls_err ls_ratio_maps_make(const struct ls_field *field, const struct ls_rat
     enum ls_err err = pass_init(&pass, diag);
     for (uint32_t y = 0; y < field->height && !err; y += BAND_ROWS) {
         struct band band = band_at(field, y);
-        err = one_band(&pass, &band, diag);
+        err = job->asker && ls_job_cancelled(job->asker)
+                  ? ls_fail(diag, LS_ERR_ABORTED, "cancelled")
+                  : one_band(&pass, &band, diag);
     }
     pass_finish(&pass);
     return err;

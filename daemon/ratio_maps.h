@@ -11,6 +11,7 @@
 
 #include "core/error.h"
 #include "core/field.h"
+#include "daemon/job.h"
 
 #include <stdbool.h>
 #include <stdint.h>
@@ -24,9 +25,10 @@ struct ls_ratio_job {
                      light that V has its shot noise of; without them it is V */
     const double (*neutral)[3];     /* [n], p(s,c) / p(0,c) */
     float **maps;                   /* [n] -> [height][width][n_channels] */
+    const struct ls_job *asker;     /* no more bands once it is cancelled; or NULL */
 };
 
-/** Errors: LS_ERR_NOMEM, those of core/promote.h and ls_accumulate. */
+/** Errors: LS_ERR_ABORTED, LS_ERR_NOMEM, those of core/promote.h and ls_accumulate. */
 LS_MUST_CHECK enum ls_err ls_ratio_maps_make(const struct ls_field *field,
                                              const struct ls_ratio_job *job, struct ls_diag *diag);
 

@@ -104,13 +104,15 @@ static enum ls_err add_separated(struct ls_render *render, struct ls_render_part
 }
 
 static enum ls_err add_part(struct ls_render *render, const struct ls_render_term *term,
-                            const struct ls_promotion *promotion, struct ls_diag *diag)
+                            const struct ls_render_job *job, struct ls_diag *diag)
 {
+    const struct ls_promotion *promotion = &job->promotion;
     struct ls_render_part *part = &render->parts[render->n_parts];
     if (render->n_parts == LS_RENDER_MAX_TERMS)
         return ls_fail(diag, LS_ERR_LIMIT, "more than %d terms", LS_RENDER_MAX_TERMS);
     *part = (struct ls_render_part){.target = term->target, .picture = term->picture, .n_sums = 1};
-    enum ls_err err = ls_promotion_find(render->source, promotion, term->channel, &part->way, diag);
+    enum ls_err err =
+        ls_promotion_find(render->source, promotion, term->channel, job->asker, &part->way, diag);
     if (err)
         return err;
     render->n_parts++;
@@ -244,7 +246,7 @@ enum ls_err ls_render_open(struct ls_field_source *source, const struct ls_rende
         if (job->asker && ls_job_cancelled(job->asker))
             err = ls_fail(diag, LS_ERR_ABORTED, "cancelled");
         else if (shines(&job->terms[t], source->field.n_lights))
-            err = add_part(render, &job->terms[t], &job->promotion, diag);
+            err = add_part(render, &job->terms[t], job, diag);
     }
     for (uint32_t k = 0; k < render->n_streams && !err; k++)
         err = check_stream(render, &render->streams[k], diag);

@@ -35,7 +35,7 @@ struct ls_render_job {
     struct ls_demosaic_region region; /* inside the picture */
     double max_error; /* what may be left out of each picture and pixel, in R before promotion */
     bool mosaic; /* one term, photographed: the sum before demosaicing */
-    const struct ls_job *asker; /* open stops between maps once it is cancelled; or NULL */
+    const struct ls_job *asker; /* open stops soon after it is cancelled; or NULL */
 };
 
 struct ls_render;

@@ -143,14 +143,16 @@ static enum ls_err one_band(struct pass *pass, const struct band *band, struct l
 
 enum ls_err ls_separated_maps_make(const struct ls_field_source *source,
                                    const struct ls_separation *separation, const uint32_t *spectra,
-                                   uint32_t n, float **maps, struct ls_diag *diag)
+                                   uint32_t n, const struct ls_job *asker, float **maps,
+                                   struct ls_diag *diag)
 {
     struct pass pass = {
         .source = source, .separation = separation, .spectra = spectra, .n = n, .maps = maps};
     enum ls_err err = pass_init(&pass, diag);
     for (uint32_t y = 0; y < source->height && !err; y += BAND_ROWS) {
         struct band band = band_at(&source->field, y);
-        err = one_band(&pass, &band, diag);
+        err = asker && ls_job_cancelled(asker) ? ls_fail(diag, LS_ERR_ABORTED, "cancelled")
+                                               : one_band(&pass, &band, diag);
     }
     pass_finish(&pass);
     return err;

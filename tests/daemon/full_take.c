@@ -19,8 +19,10 @@ static const struct pattern {
     const char *name;
     int level;
     double factor;
-} patterns[] = {{"sphere", 728, 1.2}, {"segments-3", 16384, 1.05}, {"headlight", 21845, 1.03},
-              {"multiplex", 10922, 1.1}};
+} patterns[] = {{"sphere", 728, 1.2},
+                {"segments-3", 16384, 1.05},
+                {"headlight", 21845, 1.03},
+                {"multiplex", 10922, 1.1}};
 
 static const struct pattern *pattern_of(const char *name)
 {
@@ -139,7 +141,9 @@ static bool is_each(const struct full_take_options *options, int channel, int li
     bool white = !options->polarised_only && !options->multiplexed;
     return channel >= FULL_CV || (channel == FULL_CW && white) ||
            (channel == FULL_CG && options->mono_two) ||
-           (channel == FULL_CR && options->some_red && light < FULL_HEAD);
+           (channel == FULL_CR &&
+            ((options->some_red && light < FULL_HEAD) || options->red_lights == FULL_LIGHTS ||
+             (light % 2 == 1 && light / 2 < options->red_lights)));
 }
 
 static json_t *row_json(int row)
@@ -166,7 +170,9 @@ static json_t *conditions_json(const struct full_take_options *options, GPtrArra
     add(list, ids,
         json_pack("{ss ss si si}", "id", "dark-0", "kind", "dark", "repeats", 16, "exposure", 0));
     for (int c = 0; c < FULL_CHANNELS; c++)
-        for (int i = 0; i < FULL_LIGHTS && is_each(options, c, i); i++) {
+        for (int i = 0; i < FULL_LIGHTS; i++) {
+            if (!is_each(options, c, i))
+                continue;
             g_snprintf(id, sizeof id, "%s-%04d", names[c], i);
             add(list, ids,
                 json_pack("{ss ss si ss si si}", "id", id, "kind", "one", "light", i, "channel",
@@ -306,8 +312,7 @@ static void make_rows(struct full_take *take, bool mono, float ambient)
             double sum = 0;
             for (int i = 0; i < FULL_LIGHTS; i++)
                 sum += on[i] ? lit(take, FULL_CW, i, p, mono) : 0;
-            take->row[row][p] =
-                as_half(sum * pattern->level / 65535.0 / droop + (double)ambient);
+            take->row[row][p] = as_half(sum * pattern->level / 65535.0 / droop + (double)ambient);
         }
     }
 }

@@ -462,7 +462,7 @@ static void all_lights_of_a_mono_camera_make_the_sphere(struct room *room, gcons
     const struct full_take_options *options = data;
     const struct ls_promotion linear = {.model = LIGHTSTAGE__MODEL__LINEAR};
     struct ls_way way;
-    g_assert_cmpint(ls_promotion_find(room->source, &linear, FULL_CR, &way, NULL), ==, LS_OK);
+    g_assert_cmpint(ls_promotion_find(room->source, &linear, FULL_CR, NULL, &way, NULL), ==, LS_OK);
     g_assert_cmpint(way.kind, ==, options->mono_two ? LS_WAY_MATRIX : LS_WAY_BLEND);
     g_assert_cmpuint(way.map->depth, ==, options->mono_two ? 2 : FULL_SEGMENTS);
     all_lights_make_the_photographed_sphere(room, LIGHTSTAGE__MODEL__SPHERE, 2e-3);
@@ -622,7 +622,7 @@ static void segments_serve_the_lights_of_which_there_is_no_picture(struct room *
     struct ls_way way;
     double w[FULL_LIGHTS] = {0};
     w[FULL_LIGHTS - 1] = 1;
-    enum ls_err err = ls_promotion_find(room->source, &linear, FULL_CR, &way, &diag);
+    enum ls_err err = ls_promotion_find(room->source, &linear, FULL_CR, NULL, &way, &diag);
     g_assert_cmpstr(diag.text, ==, "");
     g_assert_cmpint(err, ==, LS_OK);
     g_assert_cmpint(way.kind, ==, LS_WAY_MATRIX);
@@ -636,7 +636,8 @@ static char *refusal(struct room *room, Lightstage__Model model, uint32_t channe
     const struct ls_promotion promotion = {.model = model};
     struct ls_diag diag = {0};
     struct ls_way way;
-    g_assert_cmpint(ls_promotion_find(room->source, &promotion, channel, &way, &diag), ==, want);
+    g_assert_cmpint(ls_promotion_find(room->source, &promotion, channel, NULL, &way, &diag), ==,
+                    want);
     g_test_message("%s", diag.text);
     return g_strdup(diag.text);
 }

@@ -224,7 +224,7 @@ static char *refusal(struct ls_field_source *source, Lightstage__Model model, ui
     const struct ls_promotion promotion = {.model = model};
     struct ls_diag diag = {0};
     struct ls_way way;
-    g_assert_cmpint(ls_promotion_find(source, &promotion, channel, &way, &diag), ==, want);
+    g_assert_cmpint(ls_promotion_find(source, &promotion, channel, NULL, &way, &diag), ==, want);
     g_test_message("%s", diag.text);
     return g_strdup(diag.text);
 }

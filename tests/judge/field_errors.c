@@ -247,7 +247,7 @@ static enum ls_err open_spectra(struct sweep *s, struct ls_diag *diag)
         err = find_channel(s->comparison.judge, k, &channels[k], diag);
         if (!err) /* makes its map */
             err = ls_promotion_find(source, &s->comparison.judge->promotion, source->channel_of[k],
-                                    &way, diag);
+                                    NULL, &way, diag);
     }
     if (!err)
         err = sim_sweep_create(s->comparison.judge->scene, source->camera, channels,
