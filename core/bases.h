@@ -19,7 +19,7 @@
 
 enum { LS_HARMONICS_MAX_DEGREE = 9 };
 
-/** How a signed function becomes light: 1 + f in one picture, or max(f, 0) and max(-f, 0) in two. */
+/** How a signed function becomes light: (1 + f) / 2 in one picture, or max(f, 0) and max(-f, 0) in two. */
 enum ls_basis_form { LS_BASIS_BIASED, LS_BASIS_POSITIVE, LS_BASIS_NEGATIVE };
 
 /** Order of the smallest such matrix with a dark column to spare: the least prime p = 3 mod 4 with
