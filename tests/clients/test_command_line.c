@@ -83,7 +83,7 @@ static void wrong_command_lines_end_with_2_and_a_sentence(void)
         {"fetch x --channel W --output p --full-sphere --lights 0", "leave out --lights"},
         {"relight x y --output z --camera -1", "the number of a camera"},
         {"nonsense --help", "no such command"},
-        {"relight x", "1 arguments, expected 2"},
+        {"relight x", "expected a TAKE and one ENVIRONMENT or more"},
         {"relight x y", "--output FILE.exr or --png FILE.png is needed"},
         {"relight x y --output z --solve magic", "spectral, tristimulus"},
         {"relight x y --output z --model magic", "separated or linear"},
