@@ -61,6 +61,7 @@ static const struct sim_key camera_keys[] = {
     {"width", SIM_KEY_U32, SIM_RANGE(struct camera, view.width, 4, 16384)},
     {"height", SIM_KEY_U32, SIM_RANGE(struct camera, view.height, 4, 16384)},
     {"cfa", SIM_KEY_STRING, SIM_FIELD(struct camera, view.cfa), "RG GR GB BG mono"},
+    {"blur_px", SIM_KEY_DOUBLE, SIM_RANGE(struct camera, view.blur_px, 0, 2)},
     {"full_well_e", SIM_KEY_DOUBLE, SIM_RANGE(struct camera, view.full_well_e, 10, 1e9)},
     {"black", SIM_KEY_DOUBLE, SIM_RANGE(struct camera, view.black, 0, 0.5)},
     {"read_noise_e", SIM_KEY_DOUBLE, SIM_RANGE(struct camera, view.read_noise_e, 0, 1e6)},

@@ -31,6 +31,9 @@ BUILD = os.environ.get("LS_BUILD_ROOT") or os.path.join(stage.ROOT, "build")
 PROGRAMS = ["sim/lightstage-sim", "daemon/lightstaged", "clients/lightstagectl",
             "tests/lightstage-judge"]
 ENVIRONMENT = os.path.join(stage.ROOT, "sim", "environment.json")
+# Sigma of a point's image in photosites: the aperture of a photosite 0.29, a good lens 0.4, and an
+# optical low-pass filter that splits a point by half a photosite either way, 0.5; added in squares.
+BLUR_PX = 0.7
 
 PLAN = """subject = "still";
 exposures_us = [100, 800, 6400];
@@ -98,7 +101,7 @@ def demo(folder, size, measure):
         say("calibrating: a grey, a chrome and a black glossy sphere under every light")
         options["calibration"], numbers = calibrate.run(BUILD, os.path.join(folder, "calibration"),
                                                         size)
-    rig = stage.Rig(BUILD, folder, size, **options)
+    rig = stage.Rig(BUILD, folder, size, blur_px=BLUR_PX, **options)
     say(f"starting the simulated dome, its camera at {rig.camera}, and the daemon")
     try:
         rig.start()

@@ -15,22 +15,44 @@ static const char *const patch_names[SIM_CHART_PATCHES] = {
 
 /* ---- samples ---- */
 
-/* The rectangle of pixels inside the middle part of a flat surface. */
+/* Where the corners of a flat surface's middle part land, @edge of its size off its edges. */
+static void project(const struct sim_scene *scene, uint32_t camera, uint16_t surface, double edge,
+                    double x[4], double y[4])
+{
+    const struct sim_surface *s = &scene->subject.surface[surface];
+    for (int k = 0; k < 4; k++) {
+        double u = s->u0 + (s->u1 - s->u0) * (k & 1 ? 1 - edge : edge);
+        double v = s->v0 + (s->v1 - s->v0) * (k & 2 ? 1 - edge : edge);
+        struct sim_vec point, normal;
+        sim_body_point(&scene->subject.body[s->body], s->part, u, v, &point, &normal);
+        sim_view_project(&scene->view[camera], point, &x[k], &y[k]);
+    }
+}
+
+/* Keep [@low, @high] @reach off the surface's edges; without room there, the middle pixel. */
+static void keep_off(double *low, double *high, double first, double last, uint32_t reach)
+{
+    double middle = floor((first + last) / 2);
+    *low = fmax(*low, first + reach);
+    *high = fmin(*high, last - reach);
+    if (reach && ceil(*low) >= floor(*high)) {
+        *low = middle;
+        *high = middle + 1;
+    }
+}
+
+/* The rectangle of pixels inside the middle part of a flat surface that see it alone. */
 static void frame(const struct sim_scene *scene, uint32_t camera, uint16_t surface,
                   struct sim_sample *out)
 {
-    const struct sim_surface *s = &scene->subject.surface[surface];
     const struct sim_view *view = &scene->view[camera];
-    double x[4], y[4];
-    for (int k = 0; k < 4; k++) {
-        double u = s->u0 + (s->u1 - s->u0) * (k & 1 ? 0.8 : 0.2);
-        double v = s->v0 + (s->v1 - s->v0) * (k & 2 ? 0.8 : 0.2);
-        struct sim_vec point, normal;
-        sim_body_point(&scene->subject.body[s->body], s->part, u, v, &point, &normal);
-        sim_view_project(view, point, &x[k], &y[k]);
-    }
+    double x[4], y[4], rim_x[4], rim_y[4];
+    project(scene, camera, surface, 0.2, x, y);
+    project(scene, camera, surface, 0, rim_x, rim_y);
     double left = fmax(x[0], x[2]), right = fmin(x[1], x[3]);
     double top = fmax(y[2], y[3]), bottom = fmin(y[0], y[1]);
+    keep_off(&left, &right, fmax(rim_x[0], rim_x[2]), fmin(rim_x[1], rim_x[3]), view->blur.reach);
+    keep_off(&top, &bottom, fmax(rim_y[2], rim_y[3]), fmin(rim_y[0], rim_y[1]), view->blur.reach);
     double last_x = view->width - 1.0, last_y = view->height - 1.0;
     out->x = (uint32_t)fmax(0, fmin(last_x, ceil(left)));
     out->y = (uint32_t)fmax(0, fmin(last_y, ceil(top)));

@@ -106,12 +106,13 @@ class Rig:
                  scene_extra="", camera_extra="", simulator_extra="", daemon_extra="",
                  rig_camera_extra="", cfa="RG", pixel_format="BayerRG12", calibrated=True,
                  packet_size=9000, timeout_ms=2000, focal_mm=25,
+                 blur_px=0,
                  positions=("positions.csv", "right,up,towards", "m"), region=None,
                  calibration="calibration.json"):
         self.build, self.folder = build, folder
         self.width, self.height = (size, size) if isinstance(size, int) else size
         self.channels, self.pixel_format = channels, pixel_format
-        self.focal_mm, self.positions = focal_mm, positions
+        self.focal_mm, self.blur_px, self.positions = focal_mm, blur_px, positions
         self.daemon_extra, self.rig_camera_extra = daemon_extra, rig_camera_extra
         self.calibration = calibration
         self.calibrated, self.packet_size, self.timeout_ms = calibrated, packet_size, timeout_ms
@@ -128,7 +129,8 @@ class Rig:
         write(self.path("sim.conf"), f"""
 scene = {{ scene = "{scene}"; {scene_extra} }};
 cameras = ( {{ address = "{self.camera}"; width = {self.width}; height = {self.height};
-               cfa = "{cfa}"; focal_length_mm = {float(self.focal_mm)}; {camera_extra} }} );
+               cfa = "{cfa}"; focal_length_mm = {float(self.focal_mm)};
+               blur_px = {float(self.blur_px)}; {camera_extra} }} );
 log = "shown.jsonl";
 {port}
 {simulator_extra}

@@ -77,6 +77,7 @@ static enum ls_err check_view(const struct sim_view_config *v, uint32_t index, s
         {"height", v->height, 1, 16384},
         {"focal_length_mm", v->focal_length_mm, 1, 1000},
         {"sensor_width_mm", v->sensor_width_mm, 0.1, 100},
+        {"blur_px", v->blur_px, 0, SIM_BLUR_MAX_PX},
         {"full_well_e", v->full_well_e, 100, 1e7},
         {"black", v->black, 0, 0.5},
         {"read_noise_e", v->read_noise_e, 0, 1000},

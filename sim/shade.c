@@ -81,8 +81,8 @@ static void prepare_pixel(const struct sim_subject *subject, const struct sim_vi
     find_nodes(surface, pixel, tile->node[k], tile->share[k]);
 }
 
-void sim_tile_prepare(const struct sim_subject *subject, const struct sim_view *view, uint32_t x,
-                      uint32_t y, uint32_t width, uint32_t height, struct sim_tile *tile)
+void sim_tile_prepare(const struct sim_subject *subject, const struct sim_view *view, int32_t x,
+                      int32_t y, uint32_t width, uint32_t height, struct sim_tile *tile)
 {
     tile->x = x;
     tile->y = y;
@@ -94,9 +94,9 @@ void sim_tile_prepare(const struct sim_subject *subject, const struct sim_view *
     tile->camera_up = view->up;
     memset(tile->material, 0, sizeof tile->material);
     for (uint32_t k = 0; k < tile->n; k++) {
-        uint32_t px = x + k % width, py = y + k / width;
-        tile->colour[k] = (uint8_t)ls_cfa_channel(view->cfa, px, py);
-        prepare_pixel(subject, view, &view->pixels[(size_t)py * view->width + px], tile, k);
+        int32_t px = x + (int32_t)(k % width), py = y + (int32_t)(k / width);
+        tile->colour[k] = (uint8_t)ls_cfa_channel(view->cfa, (uint32_t)px, (uint32_t)py);
+        prepare_pixel(subject, view, sim_view_pixel(view, px, py), tile, k);
     }
     if (tile->n_seen)
         bound_points(tile);

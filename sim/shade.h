@@ -25,9 +25,10 @@ enum { SIM_TILE = 16, SIM_TILE_PX = SIM_TILE * SIM_TILE };
 
 /** A tile of at most 16 x 16 pixels, in arrays by pixel; pixels beyond its edge see nothing. */
 struct sim_tile {
-    uint32_t x, y, width, height; /* on the sensor */
-    uint32_t n;                   /* width * height; pixel k is (x + k % width, y + k / width) */
-    uint32_t n_seen;              /* pixels that see a surface */
+    int32_t x, y; /* on the sensor, or in the margin that view.h has */
+    uint32_t width, height;
+    uint32_t n;      /* width * height; pixel k is (x + k % width, y + k / width) */
+    uint32_t n_seen; /* pixels that see a surface */
     int has_specular;
     uint16_t surface[SIM_TILE_PX], material[SIM_TILE_PX], body[SIM_TILE_PX];
     uint8_t colour[SIM_TILE_PX]; /* the camera channel of the mosaic's pixel */
@@ -41,15 +42,16 @@ struct sim_tile {
 };
 
 /** Coefficients per unit strength. Radiance of source s and colour c (R: sim_response_of):
- * diffuse * diffuse factor * R(material) + specular * (flat * R(flat) + (1 - flat) * R(material)) */
+ * diffuse * diffuse factor * R(material) + specular * (flat * R(flat) + (1 - flat) * R(material))
+ */
 struct sim_terms {
     float diffuse[SIM_TILE_PX];
     float specular[3][SIM_TILE_PX]; /* by enum sim_channel_kind: unpolarised, V, H */
     float flat[SIM_TILE_PX];        /* spectrally flat share of the specular: 1 for coats */
 };
 
-void sim_tile_prepare(const struct sim_subject *subject, const struct sim_view *view, uint32_t x,
-                      uint32_t y, uint32_t width, uint32_t height, struct sim_tile *tile);
+void sim_tile_prepare(const struct sim_subject *subject, const struct sim_view *view, int32_t x,
+                      int32_t y, uint32_t width, uint32_t height, struct sim_tile *tile);
 
 /** Fill @terms for a light; 0 where it does not reach. Returns 0 if it reaches no pixel. */
 int sim_tile_shade(const struct sim_subject *subject, const struct sim_geometry *geometry,

@@ -16,14 +16,20 @@ struct sim_sweep {
 
 struct tile {
     struct sim_tile seen;
-    float a[SIM_MAX_CHANNELS + 1][SIM_TILE_PX], b[SIM_MAX_CHANNELS + 1][SIM_TILE_PX];
+    uint32_t dx, dy; /* in the region and the blur's reach around it */
+    struct {         /* by colour, or of each pixel's own */
+        float a[3][SIM_TILE_PX], b[3][SIM_TILE_PX];
+    } source[SIM_MAX_CHANNELS + 1];
 };
 
 struct sim_sweep_region {
     const struct sim_sweep *sweep;
     struct sim_region at;
-    uint32_t n_tiles;
+    uint32_t n_tiles, n_planes; /* colours in which a channel is seen before the blur */
     struct tile *tiles;
+    struct sim_planes channel[SIM_MAX_CHANNELS]; /* before the blur */
+    struct sim_planes reference;                 /* white: specular, all */
+    float *room;                                 /* of these, then a plane */
     struct sim_terms terms;
 };
 
@@ -101,17 +107,54 @@ void sim_sweep_destroy(struct sim_sweep *sweep)
     free(sweep);
 }
 
-static void prepare_tile(const struct sim_sweep *s, const struct sim_region *r, uint32_t dx,
-                         uint32_t dy, struct tile *tile)
+static const struct sim_blur *blur_of(const struct sim_sweep *s)
 {
+    return &s->scene->view[s->camera].blur;
+}
+
+static int colour_of(const struct sim_sweep_region *r, uint32_t plane)
+{
+    return r->n_planes == 1 ? OWN_COLOUR : (int)plane;
+}
+
+static void prepare_tile(const struct sim_sweep_region *r, uint32_t dx, uint32_t dy,
+                         struct tile *tile)
+{
+    const struct sim_sweep *s = r->sweep;
     const struct sim_scene *scene = s->scene;
-    uint32_t w = r->width - dx < SIM_TILE ? r->width - dx : SIM_TILE;
-    uint32_t h = r->height - dy < SIM_TILE ? r->height - dy : SIM_TILE;
-    sim_tile_prepare(&scene->subject, &scene->view[s->camera], r->x + dx, r->y + dy, w, h,
-                     &tile->seen);
-    for (uint32_t k = 0; k <= s->n; k++)
-        sim_tile_factors(&tile->seen, &scene->response[s->camera], s->channel[k],
-                         k < s->n ? OWN_COLOUR : (int)s->reference, tile->a[k], tile->b[k]);
+    const struct sim_response *response = &scene->response[s->camera];
+    uint32_t reach = blur_of(s)->reach, n = s->n;
+    uint32_t w = r->reference.width - dx, h = r->reference.height - dy;
+    tile->dx = dx;
+    tile->dy = dy;
+    sim_tile_prepare(&scene->subject, &scene->view[s->camera], (int32_t)(r->at.x + dx - reach),
+                     (int32_t)(r->at.y + dy - reach), w < SIM_TILE ? w : SIM_TILE,
+                     h < SIM_TILE ? h : SIM_TILE, &tile->seen);
+    for (uint32_t k = 0; k < n; k++)
+        for (uint32_t c = 0; c < r->n_planes; c++)
+            sim_tile_factors(&tile->seen, response, s->channel[k], colour_of(r, c),
+                             tile->source[k].a[c], tile->source[k].b[c]);
+    sim_tile_factors(&tile->seen, response, s->channel[n], (int)s->reference, tile->source[n].a[0],
+                     tile->source[n].b[0]);
+}
+
+/* Planes of every channel and of the reference, and a plane of the region's own size. */
+static enum ls_err allocate(struct sim_sweep_region *r)
+{
+    uint32_t reach = blur_of(r->sweep)->reach, n = r->sweep->n;
+    uint32_t width = r->at.width + 2 * reach, height = r->at.height + 2 * reach;
+    size_t plane = (size_t)width * height;
+    r->n_planes = reach ? colours(r->sweep) : 1;
+    r->n_tiles = (width + SIM_TILE - 1) / SIM_TILE * ((height + SIM_TILE - 1) / SIM_TILE);
+    r->room = malloc((n * r->n_planes + 3) * plane * sizeof *r->room);
+    r->tiles = calloc(r->n_tiles, sizeof *r->tiles);
+    if (!r->room || !r->tiles)
+        return LS_ERR_NOMEM;
+    for (uint32_t k = 0; k < n; k++)
+        r->channel[k] = (struct sim_planes){r->room + (2 + k * r->n_planes) * plane, r->n_planes,
+                                            width, height};
+    r->reference = (struct sim_planes){r->room, 2, width, height};
+    return LS_OK;
 }
 
 enum ls_err sim_sweep_open(const struct sim_sweep *sweep, const struct sim_region *region,
@@ -120,20 +163,17 @@ enum ls_err sim_sweep_open(const struct sim_sweep *sweep, const struct sim_regio
     enum ls_err err = sim_truth_check(sweep->scene, region, diag);
     if (err)
         return err;
-    uint32_t tiles_x = (region->width + SIM_TILE - 1) / SIM_TILE;
-    uint32_t tiles_y = (region->height + SIM_TILE - 1) / SIM_TILE;
     struct sim_sweep_region *r = calloc(1, sizeof *r);
-    struct tile *tiles = calloc((size_t)tiles_x * tiles_y, sizeof *tiles);
-    if (!r || !tiles) {
-        free(r);
-        free(tiles);
+    if (r)
+        *r = (struct sim_sweep_region){.sweep = sweep, .at = *region};
+    if (!r || allocate(r)) {
+        sim_sweep_close(r);
         return ls_fail(diag, LS_ERR_NOMEM, "out of memory for the truth of %u x %u pixels",
                        region->width, region->height);
     }
-    *r = (struct sim_sweep_region){
-        .sweep = sweep, .at = *region, .n_tiles = tiles_x * tiles_y, .tiles = tiles};
+    uint32_t tiles_x = (r->reference.width + SIM_TILE - 1) / SIM_TILE;
     for (uint32_t i = 0; i < r->n_tiles; i++)
-        prepare_tile(sweep, region, i % tiles_x * SIM_TILE, i / tiles_x * SIM_TILE, &tiles[i]);
+        prepare_tile(r, i % tiles_x * SIM_TILE, i / tiles_x * SIM_TILE, &r->tiles[i]);
     *out = r;
     return LS_OK;
 }
@@ -143,61 +183,80 @@ void sim_sweep_close(struct sim_sweep_region *region)
     if (!region)
         return;
     free(region->tiles);
+    free(region->room);
     free(region);
 }
 
-/* A tile's values into their place in a plane of the region. */
-static void place(const struct sim_sweep_region *r, const struct sim_tile *tile, const float *value,
-                  float *plane)
+/* A tile's values into their place in a plane. */
+static void put(const struct tile *tile, const float *value, const struct sim_planes *planes,
+                uint32_t k)
 {
-    for (uint32_t row = 0; row < tile->height; row++)
-        memcpy(plane + (size_t)(tile->y - r->at.y + row) * r->at.width + (tile->x - r->at.x),
-               value + row * tile->width, tile->width * sizeof *value);
+    sim_planes_put(planes, k, tile->dx, tile->dy, tile->seen.width, tile->seen.height, value);
 }
 
-/* The radiance of a channel at every pixel of a tile. */
+/* The radiance of a channel at every pixel of a tile: in every colour, or in @colour alone. */
 static void shine(const struct sim_sweep_region *r, const struct tile *tile, uint32_t light,
-                  uint32_t k, int colour, int reached, float *value)
+                  uint32_t k, uint32_t n_planes, int colour, int reached,
+                  float value[3][SIM_TILE_PX])
 {
     const struct sim_sweep *s = r->sweep;
     const struct sim_response *response = &s->scene->response[s->camera];
     uint32_t channel = s->channel[k];
-    memset(value, 0, SIM_TILE_PX * sizeof *value);
-    if (reached)
-        sim_tile_add(&r->terms, response->kind[channel], response->diffuse[channel], tile->a[k],
-                     tile->b[k], 1, value);
-    if (s->scene->subject.n_nodes && tile->seen.n_seen)
-        sim_tile_bounce(&tile->seen, nodes_of(s, light, k), colours(s), colour, value);
+    memset(value, 0, n_planes * sizeof *value);
+    for (uint32_t c = 0; reached && c < n_planes; c++)
+        sim_tile_add(&r->terms, response->kind[channel], response->diffuse[channel],
+                     tile->source[k].a[c], tile->source[k].b[c], 1, value[c]);
+    if (!s->scene->subject.n_nodes || !tile->seen.n_seen)
+        return;
+    if (n_planes == 3)
+        sim_tile_bounce_rgb(&tile->seen, nodes_of(s, light, k), value);
+    else
+        sim_tile_bounce(&tile->seen, nodes_of(s, light, k), colours(s), colour, value[0]);
 }
 
-static void share_specular(const struct sim_sweep_region *r, const struct tile *tile,
-                           uint32_t light, float *value)
+/* White in the reference colour: what is specular, and all. */
+static void shine_reference(const struct sim_sweep_region *r, const struct tile *tile,
+                            uint32_t light, int reached)
 {
     const struct sim_sweep *s = r->sweep;
-    float all[SIM_TILE_PX];
-    memset(value, 0, SIM_TILE_PX * sizeof *value);
-    sim_tile_add(&r->terms, s->scene->response[s->camera].kind[s->channel[s->n]], 0, tile->a[s->n],
-                 tile->b[s->n], 1, value);
-    shine(r, tile, light, s->n, (int)s->reference, 1, all);
-    for (uint32_t k = 0; k < tile->seen.n; k++)
-        value[k] = all[k] > 0 ? value[k] / all[k] : 0;
+    uint32_t n = s->n;
+    float value[3][SIM_TILE_PX] = {{0}};
+    if (reached && tile->seen.has_specular)
+        sim_tile_add(&r->terms, s->scene->response[s->camera].kind[s->channel[n]], 0,
+                     tile->source[n].a[0], tile->source[n].b[0], 1, value[0]);
+    put(tile, value[0], &r->reference, 0);
+    shine(r, tile, light, n, 1, (int)s->reference, reached, value);
+    put(tile, value[0], &r->reference, 1);
+}
+
+static void light_tile(struct sim_sweep_region *r, const struct tile *tile, uint32_t light)
+{
+    const struct sim_scene *scene = r->sweep->scene;
+    float value[3][SIM_TILE_PX];
+    int reached = tile->seen.n_seen &&
+                  sim_tile_shade(&scene->subject, &scene->geometry, &tile->seen, light, &r->terms);
+    shine_reference(r, tile, light, reached);
+    for (uint32_t k = 0; k < r->sweep->n; k++) {
+        shine(r, tile, light, k, r->n_planes, OWN_COLOUR, reached, value);
+        for (uint32_t c = 0; c < r->n_planes; c++)
+            put(tile, value[c], &r->channel[k], c);
+    }
 }
 
 void sim_sweep_light(struct sim_sweep_region *r, uint32_t light, float *mosaic, float *specular)
 {
-    const struct sim_scene *scene = r->sweep->scene;
+    const struct sim_sweep *s = r->sweep;
+    const struct sim_view *view = &s->scene->view[s->camera];
     size_t plane = (size_t)r->at.width * r->at.height;
-    for (uint32_t i = 0; i < r->n_tiles; i++) {
-        const struct tile *tile = &r->tiles[i];
-        float value[SIM_TILE_PX] = {0};
-        int reached = tile->seen.n_seen && sim_tile_shade(&scene->subject, &scene->geometry,
-                                                          &tile->seen, light, &r->terms);
-        if (reached && tile->seen.has_specular)
-            share_specular(r, tile, light, value);
-        place(r, &tile->seen, value, specular);
-        for (uint32_t k = 0; k < r->sweep->n; k++) {
-            shine(r, tile, light, k, OWN_COLOUR, reached, value);
-            place(r, &tile->seen, value, mosaic + k * plane);
-        }
-    }
+    float *all =
+        r->room + (size_t)(2 + s->n * r->n_planes) * r->reference.width * r->reference.height;
+    for (uint32_t i = 0; i < r->n_tiles; i++)
+        light_tile(r, &r->tiles[i], light);
+    sim_blur_plane(&view->blur, &r->reference, 0, specular);
+    sim_blur_plane(&view->blur, &r->reference, 1, all);
+    for (size_t j = 0; j < plane; j++)
+        specular[j] = all[j] > 0 ? specular[j] / all[j] : 0;
+    for (uint32_t k = 0; k < s->n; k++)
+        sim_blur_mosaic(&view->blur, &r->channel[k], view->cfa, r->at.x, r->at.y,
+                        mosaic + k * plane);
 }

@@ -27,7 +27,8 @@ LS_MUST_CHECK enum ls_err sim_sweep_create(const struct sim_scene *scene, uint32
                                            struct sim_sweep **out, struct ls_diag *diag);
 void sim_sweep_destroy(struct sim_sweep *sweep);
 
-/** Prepare a region, about 150 bytes and 8 (n + 1) per pixel. Errors: LS_ERR_INVALID (not inside
+/** Prepare a region, about 150 bytes and 12 (n + 1) per pixel,
+ * 36 (n + 1) behind a colour filter and a blur. Errors: LS_ERR_INVALID (not inside
  * the sensor), LS_ERR_NOMEM. (transfer full). */
 LS_MUST_CHECK enum ls_err sim_sweep_open(const struct sim_sweep *sweep,
                                          const struct sim_region *region,

@@ -21,8 +21,9 @@ struct sums {
     const float *weights; /* [picture][source][light] */
     uint32_t n_pictures;
     enum part part;
-    float *out, *some; /* of the whole, of the part */
-    float *nodes;      /* [picture][node * colours] */
+    float *out, *some;                /* of the whole, of the part */
+    struct sim_planes whole, portion; /* the same before the blur, [picture][colour] */
+    float *nodes;                     /* [picture][node * colours] */
     uint32_t tiles_x, n_tiles;
     _Atomic uint32_t next_tile;
     _Atomic int failed;
@@ -113,19 +114,13 @@ static void add_bounce(const struct sums *s, struct scratch *t)
         }
 }
 
-static void write_tile(const struct sums *s, const struct scratch *t,
-                       const float (*sum)[3][SIM_TILE_PX], float *pictures)
+static void write_tile(const struct sums *s, uint32_t dx, uint32_t dy, const struct sim_tile *tile,
+                       const float (*sum)[3][SIM_TILE_PX], const struct sim_planes *planes)
 {
-    const struct sim_region *r = s->region;
     uint32_t colours = s->response->n_colours;
     for (uint32_t p = 0; p < s->n_pictures; p++)
-        for (uint32_t k = 0; k < t->tile.n; k++) {
-            uint32_t x = t->tile.x - r->x + k % t->tile.width;
-            uint32_t y = t->tile.y - r->y + k / t->tile.width;
-            float *out = pictures + (((size_t)p * r->height + y) * r->width + x) * colours;
-            for (uint32_t c = 0; c < colours; c++)
-                out[c] += sum[p][c][k];
-        }
+        for (uint32_t c = 0; c < colours; c++)
+            sim_planes_put(planes, p * colours + c, dx, dy, tile->width, tile->height, sum[p][c]);
 }
 
 static void sum_tile(const struct sums *s, struct scratch *t, uint32_t index)
@@ -134,9 +129,10 @@ static void sum_tile(const struct sums *s, struct scratch *t, uint32_t index)
     const struct sim_region *r = s->region;
     const struct sim_view *view = &scene->view[r->camera];
     uint32_t dx = index % s->tiles_x * SIM_TILE, dy = index / s->tiles_x * SIM_TILE;
-    uint32_t w = r->width - dx < SIM_TILE ? r->width - dx : SIM_TILE;
-    uint32_t h = r->height - dy < SIM_TILE ? r->height - dy : SIM_TILE;
-    sim_tile_prepare(&scene->subject, view, r->x + dx, r->y + dy, w, h, &t->tile);
+    uint32_t w = s->whole.width - dx < SIM_TILE ? s->whole.width - dx : SIM_TILE;
+    uint32_t h = s->whole.height - dy < SIM_TILE ? s->whole.height - dy : SIM_TILE;
+    sim_tile_prepare(&scene->subject, view, (int32_t)(r->x + dx - view->blur.reach),
+                     (int32_t)(r->y + dy - view->blur.reach), w, h, &t->tile);
     if (!t->tile.n_seen)
         return;
     uint32_t colours = s->response->n_colours;
@@ -147,9 +143,9 @@ static void sum_tile(const struct sums *s, struct scratch *t, uint32_t index)
     for (uint32_t i = 0; i < scene->geometry.n_lights; i++)
         add_light(s, t, i);
     add_bounce(s, t);
-    write_tile(s, t, t->sum, s->out);
+    write_tile(s, dx, dy, &t->tile, t->sum, &s->whole);
     if (s->part)
-        write_tile(s, t, t->some, s->some);
+        write_tile(s, dx, dy, &t->tile, t->some, &s->portion);
 }
 
 static void *take_tiles(void *arg)
@@ -184,23 +180,56 @@ static enum ls_err replay_sums(const struct sums *s)
     return LS_OK;
 }
 
-static enum ls_err traced_sums(struct sums *s)
+/* Add the blurred planes to pictures whose colours lie side by side. */
+static void add_blurred(const struct sums *s, const struct sim_planes *planes, float *plane,
+                        float *pictures)
 {
-    size_t nodes = (size_t)s->n_pictures * s->scene->subject.n_nodes * s->response->n_colours;
-    LS_CLEANUP_FREE float *at_nodes = calloc(nodes + 1, sizeof *at_nodes);
-    if (!at_nodes)
-        return LS_ERR_NOMEM;
-    s->nodes = at_nodes;
-    bounce_sums(s);
-    s->tiles_x = (s->region->width + SIM_TILE - 1) / SIM_TILE;
-    s->n_tiles = s->tiles_x * ((s->region->height + SIM_TILE - 1) / SIM_TILE);
+    uint32_t colours = s->response->n_colours;
+    size_t n = (size_t)s->region->width * s->region->height;
+    for (uint32_t k = 0; k < planes->n; k++) {
+        float *out = pictures + k / colours * n * colours + k % colours;
+        sim_blur_plane(&s->scene->view[s->region->camera].blur, planes, k, plane);
+        for (size_t i = 0; i < n; i++)
+            out[i * colours] += plane[i];
+    }
+}
+
+static void trace_tiles(struct sums *s)
+{
+    s->tiles_x = (s->whole.width + SIM_TILE - 1) / SIM_TILE;
+    s->n_tiles = s->tiles_x * ((s->whole.height + SIM_TILE - 1) / SIM_TILE);
     pthread_t helper;
     int helped = s->scene->config.threads > 1 && s->n_tiles > 8 &&
                  !pthread_create(&helper, NULL, take_tiles, s);
     take_tiles(s);
     if (helped)
         pthread_join(helper, NULL);
-    return s->failed ? LS_ERR_NOMEM : LS_OK;
+}
+
+static enum ls_err traced_sums(struct sums *s)
+{
+    uint32_t reach = s->scene->view[s->region->camera].blur.reach;
+    uint32_t width = s->region->width + 2 * reach, height = s->region->height + 2 * reach;
+    uint32_t n_planes = s->n_pictures * s->response->n_colours;
+    size_t values = (size_t)n_planes * width * height;
+    size_t nodes = (size_t)s->n_pictures * s->scene->subject.n_nodes * s->response->n_colours;
+    LS_CLEANUP_FREE float *at_nodes = calloc(nodes + 1, sizeof *at_nodes);
+    LS_CLEANUP_FREE float *whole = calloc(values, sizeof *whole);
+    LS_CLEANUP_FREE float *portion = s->part ? calloc(values, sizeof *portion) : NULL;
+    LS_CLEANUP_FREE float *plane = malloc((size_t)width * height * sizeof *plane);
+    if (!at_nodes || !whole || (s->part && !portion) || !plane)
+        return LS_ERR_NOMEM;
+    s->nodes = at_nodes;
+    s->whole = (struct sim_planes){whole, n_planes, width, height};
+    s->portion = (struct sim_planes){portion, n_planes, width, height};
+    bounce_sums(s);
+    trace_tiles(s);
+    if (s->failed)
+        return LS_ERR_NOMEM;
+    add_blurred(s, &s->whole, plane, s->out);
+    if (s->part)
+        add_blurred(s, &s->portion, plane, s->some);
+    return LS_OK;
 }
 
 static enum ls_err sum_up(struct sums *s, struct ls_diag *diag)

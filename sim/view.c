@@ -66,8 +66,8 @@ static float weave(const struct sim_surface *surface, const struct sim_hit *hit)
     return 1 + surface->weave * a * b;
 }
 
-static void trace(const struct sim_subject *subject, const struct sim_view *view, uint32_t x,
-                  uint32_t y, struct sim_pixel *pixel)
+static void trace(const struct sim_subject *subject, const struct sim_view *view, int32_t x,
+                  int32_t y, struct sim_pixel *pixel)
 {
     struct sim_hit hit = {0};
     struct sim_vec ray = sim_view_ray(view, x, y);
@@ -89,13 +89,17 @@ enum ls_err sim_view_build(const struct sim_view_config *config, const struct si
     if (sim_view_cfa(config->cfa, &out->cfa))
         return ls_fail(diag, LS_ERR_INVALID, "cfa: unknown colour filter \"%s\"", config->cfa);
     aim(config, out);
-    out->pixels = calloc((size_t)out->width * out->height, sizeof *out->pixels);
+    sim_blur_build(config->blur_px, &out->blur);
+    uint32_t reach = out->blur.reach, width = out->width + 2 * reach;
+    uint32_t height = out->height + 2 * reach;
+    out->pixels = calloc((size_t)width * height, sizeof *out->pixels);
     if (!out->pixels)
         return ls_fail(diag, LS_ERR_NOMEM, "out of memory for a view of %u x %u", out->width,
                        out->height);
-    for (uint32_t y = 0; y < out->height; y++)
-        for (uint32_t x = 0; x < out->width; x++)
-            trace(subject, out, x, y, &out->pixels[(size_t)y * out->width + x]);
+    for (uint32_t y = 0; y < height; y++)
+        for (uint32_t x = 0; x < width; x++)
+            trace(subject, out, (int32_t)(x - reach), (int32_t)(y - reach),
+                  &out->pixels[(size_t)y * width + x]);
     return LS_OK;
 }
 

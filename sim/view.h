@@ -7,6 +7,7 @@
 
 #include "core/error.h"
 #include "core/pixel.h"
+#include "sim/blur.h"
 #include "sim/scene.h"
 #include "sim/subject.h"
 
@@ -23,7 +24,8 @@ struct sim_view {
     enum ls_cfa cfa;
     struct sim_vec eye, right, up, forward;
     double pitch; /* of the pixels over the focal length */
-    struct sim_pixel *pixels;
+    struct sim_blur blur;
+    struct sim_pixel *pixels; /* of the sensor and blur.reach around it: sim_view_pixel */
 };
 
 /** @config has passed sim_scene_config_check. */
@@ -31,6 +33,15 @@ LS_MUST_CHECK enum ls_err sim_view_build(const struct sim_view_config *config,
                                          const struct sim_subject *subject, struct sim_view *out,
                                          struct ls_diag *diag);
 void sim_view_finish(struct sim_view *view);
+
+/** A pixel; -blur.reach <= @x < width + blur.reach, the same for @y. */
+static inline const struct sim_pixel *sim_view_pixel(const struct sim_view *view, int32_t x,
+                                                     int32_t y)
+{
+    int32_t reach = (int32_t)view->blur.reach;
+    size_t row = (size_t)(y + reach) * (view->width + 2 * view->blur.reach);
+    return view->pixels + row + (size_t)(x + reach);
+}
 
 /** Unit direction of the ray through the middle of a pixel. */
 struct sim_vec sim_view_ray(const struct sim_view *view, double x, double y);

@@ -79,6 +79,10 @@ void sim_tile_add(const struct sim_terms *terms, enum sim_channel_kind kind, flo
 void sim_tile_bounce(const struct sim_tile *tile, const float *nodes, uint32_t n_colours,
                      int colour, float *out);
 
+/** The same of three colours at once, to the bit. */
+void sim_tile_bounce_rgb(const struct sim_tile *tile, const float *nodes,
+                         float out[3][SIM_TILE_PX]);
+
 /** Render pictures of one camera (their half[camera] is allocated). (sim/render.c) */
 LS_MUST_CHECK enum ls_err sim_render(const struct sim_scene *scene, uint32_t camera,
                                      struct sim_picture *const *pictures, uint32_t n,

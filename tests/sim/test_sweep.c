@@ -7,7 +7,7 @@
 
 enum { SIZE = 64 };
 
-static struct sim_scene *new_scene(const char *name)
+static struct sim_scene *new_scene(const char *name, double blur_px)
 {
     struct sim_scene_config config;
     struct ls_diag diag = {{0}};
@@ -15,6 +15,7 @@ static struct sim_scene *new_scene(const char *name)
     sim_scene_config_default(&config);
     sim_view_config_default(&config.views[0], SIZE, SIZE);
     g_strlcpy(config.scene, name, sizeof config.scene);
+    config.views[0].blur_px = blur_px;
     config.n_lights = 24;
     config.threads = 1;
     enum ls_err err = sim_scene_create(&config, &scene, &diag);
@@ -24,12 +25,12 @@ static struct sim_scene *new_scene(const char *name)
 }
 
 /* Channels out of order, a region at odd offsets with tiles cut on all sides: the same bits. */
-static void test_same_bits(void)
+static void assert_same_bits(double blur_px)
 {
     static const uint32_t channels[] = {3, 0, 5};
     const struct sim_region region = {0, 5, 3, 41, 57};
     const size_t n = (size_t)region.width * region.height;
-    struct sim_scene *scene = new_scene("stilllife");
+    struct sim_scene *scene = new_scene("stilllife", blur_px);
     struct sim_sweep *sweep = NULL;
     struct sim_sweep_region *part = NULL;
     g_assert_cmpint(sim_sweep_create(scene, 0, channels, 3, &sweep, NULL), ==, LS_OK);
@@ -63,11 +64,17 @@ static void test_same_bits(void)
     sim_scene_destroy(scene);
 }
 
+static void test_same_bits(void)
+{
+    assert_same_bits(0);
+    assert_same_bits(0.7);
+}
+
 static void test_refusals(void)
 {
     static const uint32_t channel = 8;
     const struct sim_region outside = {0, 60, 0, 5, 1};
-    struct sim_scene *scene = new_scene("stilllife"), *stamp = new_scene("stamp");
+    struct sim_scene *scene = new_scene("stilllife", 0), *stamp = new_scene("stamp", 0);
     struct sim_sweep *sweep = NULL;
     struct sim_sweep_region *part = NULL;
     struct ls_diag diag = {{0}};
