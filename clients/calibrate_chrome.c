@@ -34,8 +34,9 @@ static void compare(struct work *w, uint32_t light, const double direction[3])
     const float *v = w->take->document->direction[light];
     const double nominal[3] = {(double)v[0], (double)v[1], (double)v[2]};
     double off = angle_deg(direction, nominal), shaded[3], sigma;
-    const struct ls_shading *fit = &w->grey->shading[(size_t)light * w->grey->n_channels +
-                                                     (uint32_t)ls_calibrate_white(w->take)];
+    const struct ls_shading *fit =
+        &w->grey
+             ->shading[(size_t)light * w->grey->n_channels + (uint32_t)ls_calibrate_white(w->take)];
     w->out->n_seen++;
     if (w->grey->flags[light])
         return; /* at the ball's rim, or behind it */
@@ -63,8 +64,8 @@ static void add_reflectivity(struct work *w, uint32_t light, const double positi
             w->rho[c * w->grey->n_lights + w->n_rho[c]++] = rho[c];
 }
 
-static enum ls_err use_light(void *user, const struct ls_calibrate_picture *picture,
-                             const float *e, const uint8_t *validity, struct ls_diag *diag)
+static enum ls_err use_light(void *user, const struct ls_calibrate_picture *picture, const float *e,
+                             const uint8_t *validity, struct ls_diag *diag)
 {
     struct work *w = user;
     struct ls_highlight highlight;
@@ -101,9 +102,11 @@ static enum ls_err conclude(struct work *w)
     struct ls_chrome *out = w->out;
     uint32_t n = w->take->document->n_lights;
     if (out->n_seen < least_seen * n)
-        return ls_fail(&w->take->context->diag, LS_ERR_NOT_FOUND,
-                       "only %u of %u lights show a highlight on what stands in the middle (%.200s): "
-                       "put the chrome ball there", out->n_seen, n, w->why.text);
+        return ls_fail(
+            &w->take->context->diag, LS_ERR_NOT_FOUND,
+            "only %u of %u lights show a highlight on what stands in the middle (%.200s): "
+            "put the chrome ball there",
+            out->n_seen, n, w->why.text);
     out->rms_deg = w->n_compared ? sqrt(w->sum2 / w->n_compared) : 0;
     out->shading_deg = w->n_shading ? sqrt(w->shading2 / w->n_shading) : 0;
     for (uint32_t c = 0; c < w->grey->n_colours; c++)
@@ -124,9 +127,11 @@ enum ls_err ls_calibrate_chrome(const struct ls_calibrate_take *take, const stru
     for (uint32_t i = 0; i < n; i++) {
         lights[i] = ls_calibrate_find(take, white, (int32_t)i, NULL);
         if (!lights[i])
-            return ls_fail(diag, LS_ERR_STATE,
-                           "take %s does not show every light of the rig in %s: photograph the chrome "
-                           "ball with kind \"each\"", take->id, take->document->channels[white].name);
+            return ls_fail(
+                diag, LS_ERR_STATE,
+                "take %s does not show every light of the rig in %s: photograph the chrome "
+                "ball with kind \"each\"",
+                take->id, take->document->channels[white].name);
     }
     LS_CLEANUP_FREE double *rho = calloc(3 * (size_t)n, sizeof *rho);
     w.rho = rho;

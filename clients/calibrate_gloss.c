@@ -31,7 +31,8 @@ void ls_gloss_finish(struct ls_gloss *gloss)
     *gloss = (struct ls_gloss){0};
 }
 
-static bool hits(const struct ls_pinhole *camera, const struct ls_sphere *sphere, double x, double y)
+static bool hits(const struct ls_pinhole *camera, const struct ls_sphere *sphere, double x,
+                 double y)
 {
     double ray[3], along = 0, far2 = 0;
     ls_pinhole_ray(camera, x, y, ray);
@@ -47,9 +48,8 @@ static void find_ball(struct work *w)
 {
     for (uint32_t y = 0; y < w->region.height; y++)
         for (uint32_t x = 0; x < w->region.width; x++)
-            w->on_ball[y * w->region.width + x] =
-                hits(&w->take->camera, &w->grey->sphere, w->region.x + x + 0.5,
-                     w->region.y + y + 0.5);
+            w->on_ball[y * w->region.width + x] = hits(
+                &w->take->camera, &w->grey->sphere, w->region.x + x + 0.5, w->region.y + y + 0.5);
 }
 
 /* The region of a picture, gained. */
@@ -85,7 +85,8 @@ static enum ls_err model(const struct work *w, uint32_t light, struct ls_polaris
 
 static bool measure(struct work *w, uint32_t light, struct ls_polarisation_measured *out)
 {
-    double k = 0.5 * (w->grey->gains[w->vertical].k[light] + w->grey->gains[w->horizontal].k[light]);
+    double k =
+        0.5 * (w->grey->gains[w->vertical].k[light] + w->grey->gains[w->horizontal].k[light]);
     struct ls_field_noise noise = w->take->noise;
     noise.read_variance *= k * k;
     noise.shot *= k;
@@ -140,14 +141,17 @@ static enum ls_err conclude(struct work *w)
     struct ls_gloss *out = w->out;
     struct ls_diag *diag = &w->take->context->diag;
     if (out->n_measured < least_measured * out->n_lights && out->n_saturated * 2 > out->n_lights)
-        return ls_fail(diag, LS_ERR_NOT_FOUND,
-                       "the highlights of %u of %u lights are saturated even in the shortest exposure: "
-                       "use shorter exposures", out->n_saturated, out->n_lights);
+        return ls_fail(
+            diag, LS_ERR_NOT_FOUND,
+            "the highlights of %u of %u lights are saturated even in the shortest exposure: "
+            "use shorter exposures",
+            out->n_saturated, out->n_lights);
     if (out->n_measured < least_measured * out->n_lights)
-        return ls_fail(diag, LS_ERR_NOT_FOUND,
-                       "only %u of %u lights show a highlight on what stands in the middle (%.200s): "
-                       "put the black glossy sphere there", out->n_measured, out->n_lights,
-                       w->why.text);
+        return ls_fail(
+            diag, LS_ERR_NOT_FOUND,
+            "only %u of %u lights show a highlight on what stands in the middle (%.200s): "
+            "put the black glossy sphere there",
+            out->n_measured, out->n_lights, w->why.text);
     out->model_rms = sqrt(w->model2 / out->n_measured);
     return LS_OK;
 }
@@ -170,15 +174,17 @@ static enum ls_err choose(struct work *w, const struct ls_calibrate_picture **pi
 {
     struct ls_diag *diag = &w->take->context->diag;
     if (!find_polarisers(w))
-        return ls_fail(diag, LS_ERR_STATE,
-                       "the rig has no vertical and horizontal polariser: leave the black sphere out");
+        return ls_fail(
+            diag, LS_ERR_STATE,
+            "the rig has no vertical and horizontal polariser: leave the black sphere out");
     for (uint32_t i = 0; i < w->out->n_lights; i++) {
         pictures[2 * i] = ls_calibrate_find(w->take, w->vertical, (int32_t)i, NULL);
         pictures[2 * i + 1] = ls_calibrate_find(w->take, w->horizontal, (int32_t)i, NULL);
         if (!pictures[2 * i] || !pictures[2 * i + 1])
             return ls_fail(diag, LS_ERR_STATE,
                            "take %s does not show every light of the rig in both polarisations: "
-                           "photograph the black sphere with kind \"each\"", w->take->id);
+                           "photograph the black sphere with kind \"each\"",
+                           w->take->id);
     }
     return LS_OK;
 }
@@ -192,8 +198,8 @@ static enum ls_err run(struct work *w, const struct ls_calibrate_picture **pictu
     if (!w->v || !w->h || !w->on_ball)
         return ls_fail(&w->take->context->diag, LS_ERR_NOMEM, "out of memory");
     find_ball(w);
-    enum ls_err err = ls_calibrate_fetch(w->take, pictures, 2 * w->out->n_lights, w->region,
-                                         use_picture, w);
+    enum ls_err err =
+        ls_calibrate_fetch(w->take, pictures, 2 * w->out->n_lights, w->region, use_picture, w);
     return err ? err : conclude(w);
 }
 

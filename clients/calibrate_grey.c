@@ -75,19 +75,21 @@ static enum ls_err not_found(const struct work *w, const struct ls_diag *why)
 {
     return ls_fail(diag_of(w), LS_ERR_NOT_FOUND,
                    "%.300s Put the grey sphere at the stage's centre, whole in the picture of the "
-                   "camera, and check --radius", why->text);
+                   "camera, and check --radius",
+                   why->text);
 }
 
 static enum ls_err locate(struct work *w, double radius_m)
 {
     const struct ls_sphere nominal = {.radius_m = radius_m};
     const struct ls_calibrate_region all = {0};
-    const struct ls_calibrate_picture *sphere =
-        ls_calibrate_find(w->take, w->white, -1, "sphere");
+    const struct ls_calibrate_picture *sphere = ls_calibrate_find(w->take, w->white, -1, "sphere");
     if (!sphere)
-        return ls_fail(diag_of(w), LS_ERR_STATE,
-                       "take %s has no full sphere in %s, where the grey sphere's outline is looked "
-                       "for: photograph one", w->take->id, name_of(w, w->white));
+        return ls_fail(
+            diag_of(w), LS_ERR_STATE,
+            "take %s has no full sphere in %s, where the grey sphere's outline is looked "
+            "for: photograph one",
+            w->take->id, name_of(w, w->white));
     enum ls_err err = ls_calibrate_fetch(w->take, &sphere, 1, all, copy_picture, w);
     struct ls_diag inner = {0};
     if (err)
@@ -127,8 +129,8 @@ static void add_to_sums(const struct ls_sphere_view *view, struct sums *s, uint3
     }
 }
 
-static enum ls_err use_light(void *user, const struct ls_calibrate_picture *picture,
-                             const float *e, const uint8_t *validity, struct ls_diag *diag)
+static enum ls_err use_light(void *user, const struct ls_calibrate_picture *picture, const float *e,
+                             const uint8_t *validity, struct ls_diag *diag)
 {
     struct work *w = user;
     const struct ls_sphere_view *view = w->grey->view;
@@ -191,12 +193,14 @@ static enum ls_err judge(struct work *w, const struct ls_shading *fits)
     if (grey->saturated > most_saturated)
         return ls_fail(diag_of(w), LS_ERR_NOT_FOUND,
                        "%.0f %% of the grey sphere is saturated under single lights even in the "
-                       "shortest exposure: use shorter exposures", 100 * grey->saturated);
+                       "shortest exposure: use shorter exposures",
+                       100 * grey->saturated);
     if (!(grey->misfit < most_misfit) || !(grey->rejected < most_rejected))
         return ls_fail(diag_of(w), LS_ERR_NOT_FOUND,
                        "what stands in the middle is not shaded like a matte sphere (%.0f %% off, "
                        "%.0f %% of its pixels far off): put the grey sphere there, at the stage's "
-                       "centre, and check --radius", 100 * grey->misfit, 100 * grey->rejected);
+                       "centre, and check --radius",
+                       100 * grey->misfit, 100 * grey->rejected);
     return LS_OK;
 }
 
@@ -221,10 +225,11 @@ static enum ls_err refine(struct work *w)
     for (int k = 0; k < 3; k++)
         grey->sphere.centre_m[k] += step[k];
     if (!(hypot(hypot(step[0], step[1]), step[2]) < most_step_m))
-        return ls_fail(diag_of(w), LS_ERR_NOT_FOUND,
-                       "the shading puts the sphere %.0f mm from its outline: check --radius and the "
-                       "camera's position in the rig file",
-                       1e3 * hypot(hypot(step[0], step[1]), step[2]));
+        return ls_fail(
+            diag_of(w), LS_ERR_NOT_FOUND,
+            "the shading puts the sphere %.0f mm from its outline: check --radius and the "
+            "camera's position in the rig file",
+            1e3 * hypot(hypot(step[0], step[1]), step[2]));
     return look(w);
 }
 
@@ -406,10 +411,11 @@ static enum ls_err check_complete(const struct work *w)
 {
     for (uint32_t c = 0; c < w->grey->n_channels; c++)
         if (!ls_calibrate_has_all(w->take, c))
-            return ls_fail(diag_of(w), LS_ERR_STATE,
-                           "take %s does not show every light of the rig in %s: photograph the grey "
-                           "sphere with kind \"each\" in every channel and all lights", w->take->id,
-                           name_of(w, c));
+            return ls_fail(
+                diag_of(w), LS_ERR_STATE,
+                "take %s does not show every light of the rig in %s: photograph the grey "
+                "sphere with kind \"each\" in every channel and all lights",
+                w->take->id, name_of(w, c));
     return LS_OK;
 }
 
@@ -445,8 +451,8 @@ static enum ls_err allocate(struct work *w)
         return ls_fail(diag_of(w), LS_ERR_NOMEM, "out of memory");
     for (uint32_t c = 0; c < grey->n_channels; c++) {
         double *at = grey->numbers + each * c;
-        grey->gains[c] = (struct ls_gains){
-            .g = at, .k = at + n, .sigma_k = at + 2 * n, .colour = at + 3 * n};
+        grey->gains[c] =
+            (struct ls_gains){.g = at, .k = at + n, .sigma_k = at + 2 * n, .colour = at + 3 * n};
     }
     return LS_OK;
 }
@@ -460,7 +466,8 @@ enum ls_err ls_calibrate_grey(const struct ls_calibrate_take *take, double radiu
         return ls_fail(&take->context->diag, LS_ERR_NOMEM, "out of memory");
     enum ls_err err = allocate(&w);
     if (!err && white < 0)
-        err = ls_fail(&take->context->diag, LS_ERR_STATE, "the rig has no channel of kind spectrum");
+        err =
+            ls_fail(&take->context->diag, LS_ERR_STATE, "the rig has no channel of kind spectrum");
     w.white = (uint32_t)white;
     if (!err)
         err = measure(&w, radius_m, reflectance);

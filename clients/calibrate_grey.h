@@ -26,7 +26,7 @@ struct ls_grey_factor {
 
 struct ls_grey {
     uint32_t n_lights, n_channels, n_colours;
-    struct ls_sphere sphere;    /* where it stands */
+    struct ls_sphere sphere; /* where it stands */
     struct ls_outline outline;
     struct ls_sphere_view *view;
     struct ls_gains gains[LS_DOCUMENT_CHANNELS];

@@ -35,17 +35,19 @@ static enum ls_err check_base(const struct ls_calibrate_measured *m,
     const struct ls_take_document *d = m->grey_take->document;
     if (base->n_lights != d->n_lights || base->n_channels != d->n_channels ||
         base->n_colours != m->grey->n_colours)
-        return ls_fail(diag, LS_ERR_MISMATCH,
-                       "the base calibration is of %u lights, %u channels and %u colours, the rig of %u, "
-                       "%u and %u: give the base of this rig, or none",
-                       base->n_lights, base->n_channels, base->n_colours, d->n_lights,
-                       d->n_channels, m->grey->n_colours);
+        return ls_fail(
+            diag, LS_ERR_MISMATCH,
+            "the base calibration is of %u lights, %u channels and %u colours, the rig of %u, "
+            "%u and %u: give the base of this rig, or none",
+            base->n_lights, base->n_channels, base->n_colours, d->n_lights, d->n_channels,
+            m->grey->n_colours);
     for (uint32_t c = 0; c < d->n_channels; c++)
         if (strcmp(base->channels[c].name, d->channels[c].name))
-            return ls_fail(diag, LS_ERR_MISMATCH,
-                           "the base calibration's channel %u is %s, the rig's %s: give the base of this "
-                           "rig, or none",
-                           c, base->channels[c].name, d->channels[c].name);
+            return ls_fail(
+                diag, LS_ERR_MISMATCH,
+                "the base calibration's channel %u is %s, the rig's %s: give the base of this "
+                "rig, or none",
+                c, base->channels[c].name, d->channels[c].name);
     return LS_OK;
 }
 
@@ -172,14 +174,16 @@ static enum ls_err fill_factors(const struct ls_calibrate_measured *m, struct ls
         snprintf(pattern.pattern, sizeof pattern.pattern, "%.15s", f->pattern);
         err = ls_calibration_put_factor(c, &pattern, diag);
         if (f->value.sigma > good_factor * f->value.factor)
-            remark(remarks, "the factor of %s in %s is known to %.1f %% only: photograph it brighter, "
-                            "or with a longer exposure",
+            remark(remarks,
+                   "the factor of %s in %s is known to %.1f %% only: photograph it brighter, "
+                   "or with a longer exposure",
                    f->pattern, c->channels[f->channel].name,
                    100 * f->value.sigma / f->value.factor);
     }
     if (!err && carried > c->n_patterns)
-        remark(remarks, "the base knows %u patterns, this calibration %u: what was not photographed "
-                        "on the grey sphere is uncalibrated now",
+        remark(remarks,
+               "the base knows %u patterns, this calibration %u: what was not photographed "
+               "on the grey sphere is uncalibrated now",
                carried, c->n_patterns);
     return err;
 }
@@ -191,8 +195,9 @@ static enum ls_err fill_probes(const struct ls_calibrate_measured *m, struct ls_
         c->has_mirror = true;
         memcpy(c->mirror_reflectivity, m->chrome->reflectivity, sizeof c->mirror_reflectivity);
     } else if (m->chrome) {
-        remark(remarks, "the chrome ball's reflectivity was not measured: its highlights are saturated "
-                        "or dim; add a shorter or longer exposure");
+        remark(remarks,
+               "the chrome ball's reflectivity was not measured: its highlights are saturated "
+               "or dim; add a shorter or longer exposure");
     }
     if (!m->gloss)
         return LS_OK;
@@ -233,7 +238,8 @@ static double direction_rms(const struct ls_calibration *c, double *worst, uint3
         const float *a = c->direction[i], *b = c->measured_direction[i];
         if (c->flags[i] || !(c->sigma_direction_deg[i] > 0))
             continue;
-        double d = hypot(hypot((double)(a[0] - b[0]), (double)(a[1] - b[1])), (double)(a[2] - b[2]));
+        double d =
+            hypot(hypot((double)(a[0] - b[0]), (double)(a[1] - b[1])), (double)(a[2] - b[2]));
         double deg = 2 * asin(fmin(d / 2, 1)) * 180 / M_PI;
         sum += deg * deg;
         *worst = fmax(*worst, deg);
@@ -273,8 +279,10 @@ static void put_grey(struct residuals *r, const struct ls_grey *grey,
     put(r, 100 * grey->saturated, "%", "pixels saturated");
     put(r, grey->misplaced_deg, "deg", "lights beside their places");
     if (grey->misfit > good_misfit)
-        remark(remarks, "the sphere's shading is %.1f %% off: is it clean, matte, and well in the "
-                        "middle?", 100 * grey->misfit);
+        remark(remarks,
+               "the sphere's shading is %.1f %% off: is it clean, matte, and well in the "
+               "middle?",
+               100 * grey->misfit);
 }
 
 static void put_gains(struct residuals *r, const struct ls_grey *grey,
@@ -303,8 +311,10 @@ static void put_directions(struct residuals *r, const struct ls_calibrate_measur
     put(r, rms, "deg", "directions by shading, rms from the rig file");
     put(r, worst, "deg", "directions by shading, worst");
     if (rms > good_direction_deg)
-        remark(remarks, "the lights stand %.1f degrees (rms) from where the rig file says: check its "
-                        "axes and the camera's position", rms);
+        remark(remarks,
+               "the lights stand %.1f degrees (rms) from where the rig file says: check its "
+               "axes and the camera's position",
+               rms);
     if (!m->chrome)
         return;
     put(r, m->chrome->n_seen, "lights", "directions by the chrome ball");
@@ -314,8 +324,10 @@ static void put_directions(struct residuals *r, const struct ls_calibrate_measur
     put(r, m->chrome->n_mirror, "lights", "mirror reflectivity measured");
     put(r, 100 * m->chrome->spread[0], "%", "mirror reflectivity, spread");
     if (m->chrome->rms_deg > good_chrome_deg)
-        remark(remarks, "the chrome ball sees the lights %.1f degrees (rms) from where the rig file "
-                        "says: does it stand where the grey sphere stood?", m->chrome->rms_deg);
+        remark(remarks,
+               "the chrome ball sees the lights %.1f degrees (rms) from where the rig file "
+               "says: does it stand where the grey sphere stood?",
+               m->chrome->rms_deg);
 }
 
 static void put_gloss(struct residuals *r, const struct ls_gloss *gloss,
@@ -332,11 +344,14 @@ static void put_gloss(struct residuals *r, const struct ls_gloss *gloss,
     put(r, gloss->model_rms, "", "a_V against the half vector, rms");
     put(r, gloss->n_inseparable, "lights", "inseparable");
     if (gloss->n_saturated)
-        remark(remarks, "highlights of %u lights on the black sphere are saturated: their polarisation "
-                        "comes from the half vector; add a shorter exposure", gloss->n_saturated);
+        remark(remarks,
+               "highlights of %u lights on the black sphere are saturated: their polarisation "
+               "comes from the half vector; add a shorter exposure",
+               gloss->n_saturated);
     if (gloss->model_rms > good_model)
-        remark(remarks, "the black sphere's polarisation is %.2f (rms) off the half vector's: are "
-                        "vertical and horizontal exchanged, or the camera's polariser turned?",
+        remark(remarks,
+               "the black sphere's polarisation is %.2f (rms) off the half vector's: are "
+               "vertical and horizontal exchanged, or the camera's polariser turned?",
                gloss->model_rms);
 }
 
@@ -350,10 +365,13 @@ static void remark_flags(const struct ls_calibration *c, struct ls_calibrate_rem
             first = i;
     }
     if (dead)
-        remark(remarks, "%u lights are dead in some channel, light %u first: replace them, or leave "
-                        "them out", dead, first);
+        remark(remarks,
+               "%u lights are dead in some channel, light %u first: replace them, or leave "
+               "them out",
+               dead, first);
     if (uncertain)
-        remark(remarks, "%u lights could not be measured from here: their gains are taken as 1", uncertain);
+        remark(remarks, "%u lights could not be measured from here: their gains are taken as 1",
+               uncertain);
 }
 
 static enum ls_err fill_provenance(const struct ls_calibrate_measured *m, struct ls_calibration *c)
@@ -423,9 +441,8 @@ enum ls_err ls_calibrate_result(const struct ls_calibrate_measured *m,
 static const struct {
     uint8_t flag;
     const char *name;
-} flag_names[] = {{LS_LIGHT_ONE_SIDED, "one-sided"},
-                  {LS_LIGHT_DEAD, "dead"},
-                  {LS_LIGHT_UNCERTAIN, "uncertain"}};
+} flag_names[] = {
+    {LS_LIGHT_ONE_SIDED, "one-sided"}, {LS_LIGHT_DEAD, "dead"}, {LS_LIGHT_UNCERTAIN, "uncertain"}};
 
 enum { N_FLAGS = sizeof flag_names / sizeof *flag_names };
 
@@ -477,10 +494,10 @@ json_t *ls_calibrate_json(const struct ls_calibration *c,
         json_array_append_new(sentences, json_string(remarks->text[i]));
     for (uint32_t i = 0; i < c->n_patterns; i++)
         json_array_append_new(
-            factors, json_pack("{ss ss sf sf sf}", "channel",
-                               c->channels[c->patterns[i].channel].name, "pattern",
-                               c->patterns[i].pattern, "duty", c->patterns[i].duty, "factor",
-                               c->patterns[i].factor, "sigma", c->patterns[i].sigma));
+            factors,
+            json_pack("{ss ss sf sf sf}", "channel", c->channels[c->patterns[i].channel].name,
+                      "pattern", c->patterns[i].pattern, "duty", c->patterns[i].duty, "factor",
+                      c->patterns[i].factor, "sigma", c->patterns[i].sigma));
     return json_pack("{ss ss so so so so}", "file", file, "verdict", verdict(remarks), "residuals",
                      residuals, "factors", factors, "flags", flags, "remarks", sentences);
 }

@@ -90,7 +90,8 @@ static void write_plan(const struct ls_calibrate_shoot *shoot, enum ls_calibrate
     snprintf(conditions, sizeof conditions, "{ kind = \"each\"; channels = [%s]; }", channels);
     if (object == LS_OBJECT_GREY)
         grey_conditions(shoot, rig, conditions, sizeof conditions);
-    snprintf(out, size, "subject = \"still\"; exposures_us = [%s]; darks = %u;\nconditions = ( %s );\n",
+    snprintf(out, size,
+             "subject = \"still\"; exposures_us = [%s]; darks = %u;\nconditions = ( %s );\n",
              shoot->exposures_us[object], shoot->darks, conditions);
 }
 
@@ -136,8 +137,8 @@ static int photograph(struct ls_command_context *context, enum ls_calibrate_obje
         return ls_command_wrong("no random numbers for a token");
     body.name = (char *)objects[object].take;
     body.token = token;
-    int code = ls_command_call(context, LS_MESSAGE_TAKE_START, &body.base, plan, strlen(plan),
-                               &reply);
+    int code =
+        ls_command_call(context, LS_MESSAGE_TAKE_START, &body.base, plan, strlen(plan), &reply);
     if (code)
         return code;
     ls_reply_finish(&reply);

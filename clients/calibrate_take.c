@@ -41,7 +41,8 @@ static enum ls_err read_weights(const struct ls_calibrate_take *take, const json
                                 double level, struct ls_calibrate_picture *out,
                                 struct ls_diag *diag)
 {
-    const json_t *lights = json_object_get(item, "lights"), *levels = json_object_get(item, "levels");
+    const json_t *lights = json_object_get(item, "lights"),
+                 *levels = json_object_get(item, "levels");
     uint32_t n_lights = take->document->n_lights;
     out->weights = calloc(n_lights, sizeof *out->weights);
     if (!out->weights)
@@ -131,11 +132,12 @@ static enum ls_err read_exposures(struct ls_calibrate_take *take, const json_t *
 static enum ls_err read_camera(struct ls_calibrate_take *take, const json_t *doc,
                                struct ls_diag *diag)
 {
-    const json_t *item = json_array_get(
-        json_object_get(json_object_get(doc, "rig"), "cameras"), take->camera_row);
+    const json_t *item =
+        json_array_get(json_object_get(json_object_get(doc, "rig"), "cameras"), take->camera_row);
     const struct ls_take_document *d = take->document;
     const char *format = json_string_value(json_object_get(item, "pixel_format"));
-    const json_t *range = json_object_get(item, "range"), *sensor = json_object_get(item, "sensor_mm");
+    const json_t *range = json_object_get(item, "range"),
+                 *sensor = json_object_get(item, "sensor_mm");
     double position[3], look_at[3];
     for (int k = 0; k < 3; k++) {
         position[k] = (double)d->camera.position_m[k];

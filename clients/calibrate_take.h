@@ -1,6 +1,6 @@
 /*
- * calibrate_take: a calibration take as the client sees it: what its pictures show, and the pictures.
- * Layer: clients. Threads: the main thread. Ownership: as stated.
+ * calibrate_take: a calibration take as the client sees it: what its pictures show, and the
+ * pictures. Layer: clients. Threads: the main thread. Ownership: as stated.
  */
 #ifndef LS_CLIENTS_CALIBRATE_TAKE_H
 #define LS_CLIENTS_CALIBRATE_TAKE_H
@@ -17,11 +17,11 @@
 /** A lit picture of the plan. */
 struct ls_calibrate_picture {
     char id[64];
-    uint32_t channel;      /* of the document */
-    int32_t light;         /* of a single light, else -1 */
-    char pattern[24];      /* of several lights, else "" */
-    double duty;           /* nominal */
-    float *weights;        /* [n_lights] of several: level over the nominal level; else NULL */
+    uint32_t channel; /* of the document */
+    int32_t light;    /* of a single light, else -1 */
+    char pattern[24]; /* of several lights, else "" */
+    double duty;      /* nominal */
+    float *weights;   /* [n_lights] of several: level over the nominal level; else NULL */
 };
 
 struct ls_calibrate_take {
@@ -30,19 +30,18 @@ struct ls_calibrate_take {
     uint32_t camera_row;
     struct ls_take_document *document;
     struct ls_pinhole camera;
-    double shortest_s, black, range_high;     /* black and range_high of full scale */
+    double shortest_s, black, range_high; /* black and range_high of full scale */
     char pixel_format[32], cfa[8];
     double black_dn, full_scale_dn, electrons_per_dn, read_noise_dn, exposure_offset_us, range_low;
-    struct ls_field_noise noise;              /* of a dim pixel in full scale / s */
+    struct ls_field_noise noise; /* of a dim pixel in full scale / s */
     uint32_t n_pictures;
     struct ls_calibrate_picture *pictures;
 };
 
 /** Ask the daemon for a take. Errors: those of the daemon (LS_ERR_REFUSED), LS_ERR_INVALID naming
  * the key of take.json. *out: (transfer full). */
-LS_MUST_CHECK enum ls_err ls_calibrate_take_open(struct ls_command_context *context,
-                                                 const char *id, uint32_t camera,
-                                                 struct ls_calibrate_take **out);
+LS_MUST_CHECK enum ls_err ls_calibrate_take_open(struct ls_command_context *context, const char *id,
+                                                 uint32_t camera, struct ls_calibrate_take **out);
 
 /** Parse take.json; the context is for fetching later and may be NULL. */
 LS_MUST_CHECK enum ls_err ls_calibrate_take_parse(struct ls_command_context *context,
@@ -81,8 +80,7 @@ struct ls_calibrate_region ls_calibrate_around(const struct ls_calibrate_take *t
  * region asked for; @validity: enum ls_validity, OK or SATURATED. Valid during the call.
  */
 typedef enum ls_err ls_calibrate_use(void *user, const struct ls_calibrate_picture *picture,
-                                     const float *e, const uint8_t *validity,
-                                     struct ls_diag *diag);
+                                     const float *e, const uint8_t *validity, struct ls_diag *diag);
 
 /** Fetch pictures in the order given and hand each to @use; its error ends it. */
 LS_MUST_CHECK enum ls_err ls_calibrate_fetch(const struct ls_calibrate_take *take,

@@ -124,8 +124,8 @@ static int parse_option(struct options *o, int option)
         for (int i = 0; i < LS_N_OBJECTS; i++)
             if ((option == EXPOSURES || option == GREY_EXPOSURES + i) &&
                 !exposures(optarg, &o->shoot.exposures_us[i]))
-                return ls_command_wrong("%s: expected microseconds, shortest first, e.g. 100,800,6400",
-                                        optarg);
+                return ls_command_wrong(
+                    "%s: expected microseconds, shortest first, e.g. 100,800,6400", optarg);
         return LS_EXIT_OK;
     default:
         return option == '?' ? LS_EXIT_USAGE : parse_number(o, option);
@@ -168,7 +168,8 @@ static int parse(struct ls_command_context *context, int argc, char **argv, stru
             return ls_command_wrong("calibrate: --no-chrome and --no-gloss leave out what --chrome "
                                     "and --gloss name: give one of them");
     if (!o->takes[LS_OBJECT_GREY] && (o->takes[LS_OBJECT_CHROME] || o->takes[LS_OBJECT_GLOSS]))
-        return ls_command_wrong("calibrate: --chrome and --gloss name takes that go with --grey TAKE");
+        return ls_command_wrong(
+            "calibrate: --chrome and --gloss name takes that go with --grey TAKE");
     return LS_EXIT_OK;
 }
 
@@ -198,7 +199,8 @@ static int shoot(struct calibration *c, enum ls_calibrate_object object, bool po
         if (code)
             return code;
     }
-    enum ls_err err = ls_calibrate_take_open(c->context, c->ids[object], o->camera, &c->takes[object]);
+    enum ls_err err =
+        ls_calibrate_take_open(c->context, c->ids[object], o->camera, &c->takes[object]);
     return err ? failed(c, err) : LS_EXIT_OK;
 }
 
@@ -241,11 +243,11 @@ static bool has_polarisers(const struct ls_take_document *d)
 
 static int need_polarisers(const struct calibration *c)
 {
-    if (!c->options->takes[LS_OBJECT_GLOSS] ||
-        has_polarisers(c->takes[LS_OBJECT_GREY]->document))
+    if (!c->options->takes[LS_OBJECT_GLOSS] || has_polarisers(c->takes[LS_OBJECT_GREY]->document))
         return LS_EXIT_OK;
     return ls_command_wrong("calibrate: --gloss measures polarisers, and the rig of take %s has no "
-                            "pair of them: leave out --gloss", c->ids[LS_OBJECT_GREY]);
+                            "pair of them: leave out --gloss",
+                            c->ids[LS_OBJECT_GREY]);
 }
 
 /* Each is measured as soon as it has been photographed: who put the wrong object there hears of it

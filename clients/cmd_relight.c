@@ -69,8 +69,8 @@ static enum ls_err write_exr(const struct work *work, uint32_t picture, const ch
                                            document->width, document->height};
     const char *light = ls_relight_light(options, picture), *file = strrchr(light, '/');
     ls_picture_attrs_take(document, work->result.calibrated, &attrs);
-    ls_promotion_report_attrs(&work->result.report,
-                              options->solve.solve == LS_LIGHT_TRISTIMULUS, &attrs);
+    ls_promotion_report_attrs(&work->result.report, options->solve.solve == LS_LIGHT_TRISTIMULUS,
+                              &attrs);
     ls_exr_attrs_string(&attrs, "lightstage/environment", file ? file + 1 : light);
     ls_exr_attrs_string(&attrs, "lightstage/units", rec709 ? "rec709-linear" : "camera-raw");
     ls_exr_attrs_float(&attrs, "lightstage/rotation", (float)ls_relight_turn(options, picture));
@@ -101,7 +101,8 @@ static void warn_of_raw(struct work *work, bool rec709)
 {
     if (!rec709 && !work->warned)
         fputs("lightstagectl: warning: the take has no matrix M: the picture stays in the camera's "
-              "own colours\n", stderr);
+              "own colours\n",
+              stderr);
     work->warned |= !rec709;
 }
 
@@ -152,11 +153,11 @@ static json_t *solve_json(const struct ls_light_weights *weights)
     const struct ls_lighting_solution *solution = &weights->solution;
     if (!weights->solved)
         return NULL;
-    json_t *json = json_pack(
-        "{ss ss sf sf si}", "mode", solution->mode == LS_SOLVE_SHARED ? "shared" : "per-target",
-        "space", solution->space == LS_SOLVE_AFTER_M ? "after-M" : "camera-raw", "residual",
-        weights->residual, "worst_residual", solution->worst.relative, "rank",
-        (int)solution->worst.rank);
+    json_t *json = json_pack("{ss ss sf sf si}", "mode",
+                             solution->mode == LS_SOLVE_SHARED ? "shared" : "per-target", "space",
+                             solution->space == LS_SOLVE_AFTER_M ? "after-M" : "camera-raw",
+                             "residual", weights->residual, "worst_residual",
+                             solution->worst.relative, "rank", (int)solution->worst.rank);
     if (isfinite(solution->worst.condition))
         json_object_set_new(json, "condition", json_real(solution->worst.condition));
     return json;
@@ -199,7 +200,8 @@ static void print_warnings(const struct work *work)
         if (weights->unreachable > 0.001)
             fprintf(stderr,
                     "lightstagectl: warning: %.1f %% of the map's light has colours no light can "
-                    "have; the nearest were taken\n", weights->unreachable * 100);
+                    "have; the nearest were taken\n",
+                    weights->unreachable * 100);
     }
 }
 
@@ -292,7 +294,9 @@ static int make_all(struct work *work)
 static int relight(struct ls_command_context *context, const struct ls_relight_options *options,
                    const struct ls_take_document *document)
 {
-    struct work work = {.context = context, .options = options, .document = document,
+    struct work work = {.context = context,
+                        .options = options,
+                        .document = document,
                         .n = ls_relight_pictures(options)};
     int code;
     work.weights = calloc(work.n, sizeof *work.weights);
@@ -346,12 +350,12 @@ static int run(struct ls_command_context *context, int argc, char **argv)
 }
 
 const struct ls_command ls_command_relight = {
-    "relight", "A take under another light: a lat-long .hdr or .exr, or lobes or a captured light as .json",
+    "relight",
+    "A take under another light: a lat-long .hdr or .exr, or lobes or a captured light as .json",
     "TAKE ENVIRONMENT... --output FILE.exr [--png FILE.png] [--raw]\n"
     "         [--solve spectral|tristimulus|shared|per-target] [--method nnls|least-squares]\n"
     "         [--cells nearest|smooth] [--profile paper]\n"
-    "         [--rotate DEG,DEG,...] [--space rec709-linear|camera-raw]\n"
-    LS_PROMOTION_USAGE
+    "         [--rotate DEG,DEG,...] [--space rec709-linear|camera-raw]\n" LS_PROMOTION_USAGE
     "         [--region X,Y,WIDTH,HEIGHT] [--exposure STOPS] [--max-error E]\n"
     "         [--camera N] [--json]\n"
     "       lightstagectl relight TAKE --weights FILE.json... --output FILE.exr [...]\n"

@@ -49,8 +49,8 @@ static int print_started(struct ls_command_context *context, const struct ls_rep
     const Lightstage__TakeStartReply *started = (const Lightstage__TakeStartReply *)reply->message;
     const char *id = started->take ? started->take->id : "";
     if (context->json)
-        ls_command_print_json(json_pack("{ss ss sb}", "token", token, "id", id, "already",
-                                        started->already));
+        ls_command_print_json(
+            json_pack("{ss ss sb}", "token", token, "id", id, "already", started->already));
     else
         printf("%s%s%s, token %s\n", started->already ? "started before" : "started",
                id[0] ? ": " : "", id, token);
@@ -66,7 +66,8 @@ static int start(struct ls_command_context *context, uint16_t type, const Protob
     if (code == LS_EXIT_UNREACHABLE && context->connection)
         fprintf(stderr,
                 "lightstagectl: whether the take has started is not known; the same command with "
-                "--token %s starts it at most once\n", options->token);
+                "--token %s starts it at most once\n",
+                options->token);
     if (code)
         return code;
     if (options->no_wait)
@@ -113,6 +114,6 @@ static int run_resume(struct ls_command_context *context, int argc, char **argv)
 const struct ls_command ls_command_take_start = {
     "take start", "Photograph a plan and wait for its end (Ctrl-C aborts)",
     "--plan FILE [--name NAME] [--token TOKEN] [--no-wait] [--json]", run_start};
-const struct ls_command ls_command_take_resume = {
-    "take resume", "Shoot what a take is missing", "TAKE [--token TOKEN] [--no-wait] [--json]",
-    run_resume};
+const struct ls_command ls_command_take_resume = {"take resume", "Shoot what a take is missing",
+                                                  "TAKE [--token TOKEN] [--no-wait] [--json]",
+                                                  run_resume};

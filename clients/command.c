@@ -112,9 +112,8 @@ int ls_command_connect(struct ls_command_context *context)
     return LS_EXIT_UNREACHABLE;
 }
 
-int ls_command_call(struct ls_command_context *context, uint16_t type,
-                    const ProtobufCMessage *body, const void *payload, size_t payload_bytes,
-                    struct ls_reply *reply)
+int ls_command_call(struct ls_command_context *context, uint16_t type, const ProtobufCMessage *body,
+                    const void *payload, size_t payload_bytes, struct ls_reply *reply)
 {
     int code = ls_command_connect(context);
     if (code)
@@ -199,7 +198,7 @@ static void hold_interrupts(bool hold, sigset_t *before)
 }
 
 static enum ls_err write_beside(const char *path, mode_t mode, const void *bytes, size_t n,
-                           struct ls_diag *diag)
+                                struct ls_diag *diag)
 {
     char beside[PATH_MAX];
     if (snprintf(beside, sizeof beside, "%s.XXXXXX", path) >= (int)sizeof beside)
@@ -244,9 +243,9 @@ enum ls_err ls_command_check_writable(const char *path, struct ls_diag *diag)
         return ls_fail(diag, LS_ERR_INVALID, "%s: %s", path, strerror(EISDIR));
     if (there && !S_ISREG(info.st_mode))
         return LS_OK; /* a pipe or a device: its other end may come later */
-    return access(folder, W_OK | X_OK) ? ls_fail(diag, LS_ERR_INVALID, "%s: %s", path,
-                                                 strerror(errno))
-                                       : LS_OK;
+    return access(folder, W_OK | X_OK)
+               ? ls_fail(diag, LS_ERR_INVALID, "%s: %s", path, strerror(errno))
+               : LS_OK;
 }
 
 enum ls_err ls_command_write_file(const char *path, const void *bytes, size_t n,

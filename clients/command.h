@@ -48,11 +48,11 @@ extern const struct ls_command ls_command_status, ls_command_rig, ls_command_pre
 
 /** Options every command has; put them at the end of its table. */
 enum { LS_OPTION_SOCKET = 1000, LS_OPTION_JSON, LS_OPTION_HELP };
-#define LS_COMMON_OPTIONS                                                                          \
-    {"socket", required_argument, NULL, LS_OPTION_SOCKET},                                         \
-        {"json", no_argument, NULL, LS_OPTION_JSON}, {"help", no_argument, NULL, LS_OPTION_HELP},  \
-    {                                                                                              \
-        0                                                                                          \
+#define LS_COMMON_OPTIONS                                                                         \
+    {"socket", required_argument, NULL, LS_OPTION_SOCKET},                                        \
+        {"json", no_argument, NULL, LS_OPTION_JSON}, {"help", no_argument, NULL, LS_OPTION_HELP}, \
+    {                                                                                             \
+        0                                                                                         \
     }
 
 /**
@@ -78,9 +78,8 @@ int ls_command_connect(struct ls_command_context *context);
 int ls_command_failed(struct ls_command_context *context, enum ls_err err);
 
 /** One request, one answer. LS_EXIT_OK, or printed and its exit code. Finish @reply. */
-int ls_command_call(struct ls_command_context *context, uint16_t type,
-                    const ProtobufCMessage *body, const void *payload, size_t payload_bytes,
-                    struct ls_reply *reply);
+int ls_command_call(struct ls_command_context *context, uint16_t type, const ProtobufCMessage *body,
+                    const void *payload, size_t payload_bytes, struct ls_reply *reply);
 
 /** Print @object (transfer full) as indented JSON on stdout. */
 void ls_command_print_json(json_t *object);
@@ -100,8 +99,8 @@ LS_MUST_CHECK enum ls_err ls_command_read_file(const char *path, size_t limit, c
 LS_MUST_CHECK enum ls_err ls_command_write_file(const char *path, const void *bytes, size_t n,
                                                 struct ls_diag *diag);
 
-/** Could ls_command_write_file write here, as far as can be seen without writing? For what takes long
- * to make. LS_ERR_INVALID, with the reason. */
+/** Could ls_command_write_file write here, as far as can be seen without writing? For what takes
+ * long to make. LS_ERR_INVALID, with the reason. */
 LS_MUST_CHECK enum ls_err ls_command_check_writable(const char *path, struct ls_diag *diag);
 
 #endif

@@ -32,8 +32,7 @@ static enum format format_of(const char *path)
 static enum ls_err spread_grey(struct ls_image *image, struct ls_diag *diag)
 {
     struct ls_image rgb = {0};
-    enum ls_err err =
-        ls_image_init(&rgb, image->width, image->height, 3, max_pixel_bytes, diag);
+    enum ls_err err = ls_image_init(&rgb, image->width, image->height, 3, max_pixel_bytes, diag);
     if (err)
         return err;
     for (size_t i = 0; i < (size_t)image->width * image->height; i++)

@@ -39,8 +39,8 @@ struct solver {
     const struct ls_take_document *document;
     const struct ls_environment_file *environment;
     const struct ls_light_options *options;
-    double *cells;   /* map: [n_lights][3]; lobes: [n_lights][lobes] */
-    size_t n_cells;  /* per light */
+    double *cells;                     /* map: [n_lights][3]; lobes: [n_lights][lobes] */
+    size_t n_cells;                    /* per light */
     struct ls_spectrum functionals[3]; /* what a map's RGB means */
     struct ls_spectrum sensitivity[3];
     uint32_t n_colours;
@@ -291,8 +291,8 @@ static enum ls_err factor_chart(struct solver *solver, struct ls_light_weights *
                        "--solve shared: one set of strengths makes no colours of a monochrome "
                        "camera; use --solve per-target");
     /* the daemon weights each camera channel before anything mixes them */
-    weights->by_target = lighting.mode == LS_SOLVE_PER_TARGET &&
-                         ls_lighting_space(&lighting) == LS_SOLVE_AFTER_M;
+    weights->by_target =
+        lighting.mode == LS_SOLVE_PER_TARGET && ls_lighting_space(&lighting) == LS_SOLVE_AFTER_M;
     weights->mode = lighting.mode == LS_SOLVE_SHARED || weights->by_target
                         ? LIGHTSTAGE__WEIGHT_MODE__SHARED
                         : LIGHTSTAGE__WEIGHT_MODE__PER_TARGET;
@@ -363,12 +363,12 @@ static enum ls_err solve_cells(const struct solver *solver, double *alpha,
 {
     const struct ls_environment_file *environment = solver->environment;
     size_t n_lights = solver->document->n_lights;
-    const struct ls_spectral_chart chart = {
-        .solver = solver->lighting,
-        .reflectance = solver->reflectance,
-        .n_patches = solver->document->calibration->n_patches,
-        .reader = solver->n_colours == 1 ? solver->functionals : solver->sensitivity,
-        .n_readers = 3};
+    const struct ls_spectral_chart chart = {.solver = solver->lighting,
+                                            .reflectance = solver->reflectance,
+                                            .n_patches = solver->document->calibration->n_patches,
+                                            .reader = solver->n_colours == 1 ? solver->functionals
+                                                                             : solver->sensitivity,
+                                            .n_readers = 3};
     if (environment->probe)
         return solve_probe(solver, alpha, found, diag);
     if (environment->lobes)
@@ -468,8 +468,8 @@ static enum ls_err tristimulus_of_map(struct solver *solver, struct ls_light_wei
     for (uint32_t i = 0; i < out->n_lights && !err; i++)
         for (uint32_t c = 0; c < 3; c++) {
             const double *rgb = cell(solver, i);
-            out->rows[(size_t)c * out->n_lights + i] = (float)(
-                to_raw[c][0] * rgb[0] + to_raw[c][1] * rgb[1] + to_raw[c][2] * rgb[2]);
+            out->rows[(size_t)c * out->n_lights + i] =
+                (float)(to_raw[c][0] * rgb[0] + to_raw[c][1] * rgb[1] + to_raw[c][2] * rgb[2]);
         }
     return err;
 }

@@ -8,10 +8,9 @@
 #include <string.h>
 
 static const struct ls_command *const commands[] = {
-    &ls_command_status,      &ls_command_rig,         &ls_command_preflight,
-    &ls_command_take_start,  &ls_command_take_list,   &ls_command_take_show,
-    &ls_command_take_verify, &ls_command_take_resume, &ls_command_take_abort,
-    &ls_command_fetch,       &ls_command_relight,     &ls_command_blank,
+    &ls_command_status,     &ls_command_rig,       &ls_command_preflight,   &ls_command_take_start,
+    &ls_command_take_list,  &ls_command_take_show, &ls_command_take_verify, &ls_command_take_resume,
+    &ls_command_take_abort, &ls_command_fetch,     &ls_command_relight,     &ls_command_blank,
     &ls_command_calibrate,
 };
 
@@ -57,8 +56,8 @@ static int match(const struct ls_command *command, int argc, char **argv)
     if (!space)
         return argc >= 1 && strcmp(argv[0], command->name) == 0 ? 1 : 0;
     size_t first = (size_t)(space - command->name);
-    return argc >= 2 && strlen(argv[0]) == first &&
-                   strncmp(argv[0], command->name, first) == 0 && strcmp(argv[1], space + 1) == 0
+    return argc >= 2 && strlen(argv[0]) == first && strncmp(argv[0], command->name, first) == 0 &&
+                   strcmp(argv[1], space + 1) == 0
                ? 2
                : 0;
 }
@@ -82,8 +81,7 @@ static int run(struct ls_command_context *context, int argc, char **argv)
 
 static int command_line(int argc, char **argv)
 {
-    static const struct option options[] = {{"version", no_argument, NULL, 'v'},
-                                            LS_COMMON_OPTIONS};
+    static const struct option options[] = {{"version", no_argument, NULL, 'v'}, LS_COMMON_OPTIONS};
     struct ls_command_context context = {.socket_path = getenv("LIGHTSTAGED_SOCKET")};
     if (!context.socket_path || !context.socket_path[0])
         context.socket_path = "/run/lightstaged/socket";

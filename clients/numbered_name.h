@@ -8,7 +8,8 @@
 #include <stdbool.h>
 #include <stdint.h>
 
-/** Does it hold %d, %2d or %02d (one or two digits)? Only the first counts; every other % is itself. */
+/** Does it hold %d, %2d or %02d (one or two digits)? Only the first counts; every other % is
+ * itself. */
 bool ls_name_has_number(const char *name);
 
 /** @name with @number in its place, or as it is. (transfer full), free(); NULL: out of memory. */

@@ -21,7 +21,7 @@ struct ls_spectrum_said {
     uint32_t multiplexed;                  /* 0: one by one */
     double spare_deviation;                /* sigmas */
     bool spare_alarm;
-    uint32_t checked_lights;               /* 0: no checks */
+    uint32_t checked_lights; /* 0: no checks */
     double checked_error, highlight_error, highlight_share;
 };
 

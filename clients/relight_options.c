@@ -35,8 +35,22 @@ static bool set_turns(const char *text, struct ls_relight_options *out)
 /* One option; LS_EXIT_OK or the exit code. */
 static int set(struct ls_relight_options *out, int option)
 {
-    enum { OUTPUT = 1, PNG, SOLVE, ROTATE, RAW, SPACE, REGION, EXPOSURE, MAX_ERROR, WEIGHTS,
-           CAMERA, METHOD, CELLS, PROFILE };
+    enum {
+        OUTPUT = 1,
+        PNG,
+        SOLVE,
+        ROTATE,
+        RAW,
+        SPACE,
+        REGION,
+        EXPOSURE,
+        MAX_ERROR,
+        WEIGHTS,
+        CAMERA,
+        METHOD,
+        CELLS,
+        PROFILE
+    };
     out->solved |= option == SOLVE || option == METHOD || option == CELLS || option == ROTATE;
     switch (option) {
     case OUTPUT:
@@ -56,7 +70,8 @@ static int set(struct ls_relight_options *out, int option)
         return ls_light_solve_option(optarg, &out->solve.solve)
                    ? LS_EXIT_OK
                    : ls_command_wrong("--solve %s: expected spectral, tristimulus, shared or "
-                                      "per-target", optarg);
+                                      "per-target",
+                                      optarg);
     case METHOD:
         return ls_light_method_option(optarg, &out->solve.method)
                    ? LS_EXIT_OK
@@ -67,8 +82,7 @@ static int set(struct ls_relight_options *out, int option)
                    : ls_command_wrong("--cells %s: expected nearest or smooth", optarg);
     case PROFILE:
         out->profile = ls_profile_find(optarg);
-        return out->profile ? LS_EXIT_OK
-                            : ls_command_wrong("--profile %s: expected paper", optarg);
+        return out->profile ? LS_EXIT_OK : ls_command_wrong("--profile %s: expected paper", optarg);
     case SPACE:
         out->space = strcmp(optarg, "camera-raw") == 0 ? LS_MAP_CAMERA_RAW : LS_MAP_REC709_LINEAR;
         if (out->space == LS_MAP_REC709_LINEAR && strcmp(optarg, "rec709-linear") != 0)
@@ -78,7 +92,8 @@ static int set(struct ls_relight_options *out, int option)
         return set_turns(optarg, out)
                    ? LS_EXIT_OK
                    : ls_command_wrong("--rotate %s: expected degrees, or at most %d with commas "
-                                      "between them", optarg, LS_RELIGHT_MAX_TURNS);
+                                      "between them",
+                                      optarg, LS_RELIGHT_MAX_TURNS);
     case EXPOSURE:
         out->exposure_given = true;
         return number(optarg, &out->exposure) && fabs(out->exposure) <= 60
@@ -121,7 +136,8 @@ static int check(int argc, char **argv, struct ls_relight_options *out)
         const char *name = i ? out->png : out->exr;
         if (name && ls_relight_pictures(out) > 1 && !ls_name_has_number(name))
             return ls_command_wrong("relight: %s for %u pictures: expected a number in the name, "
-                                    "as in relit-%%02d.exr", name, ls_relight_pictures(out));
+                                    "as in relit-%%02d.exr",
+                                    name, ls_relight_pictures(out));
     }
     return LS_EXIT_OK;
 }

@@ -37,7 +37,8 @@ uint32_t ls_relight_at_once(const struct ls_relight_options *options,
     double fit = floor(most / (width * height * 3 * sizeof(float)));
     uint32_t count = 1, rows = weights->n_rows, most_rows = MOST_WEIGHTS / weights->n_lights;
     most_rows = most_rows < MOST_ROWS ? most_rows : MOST_ROWS;
-    while (count < n && count < fit && (count + 1) * rows <= most_rows && alike(&weights[0], &weights[count]))
+    while (count < n && count < fit && (count + 1) * rows <= most_rows &&
+           alike(&weights[0], &weights[count]))
         count++;
     return count;
 }
@@ -136,9 +137,9 @@ static enum ls_err receive(struct ls_connection *connection, uint32_t request, s
 
 /* ---- asking ---- */
 
-static enum ls_err send(struct ls_command_context *context, const struct ls_relight_options *options,
-                        const struct asked *asked, const struct ls_light_weights *weights,
-                        uint32_t *request)
+static enum ls_err send(struct ls_command_context *context,
+                        const struct ls_relight_options *options, const struct asked *asked,
+                        const struct ls_light_weights *weights, uint32_t *request)
 {
     size_t each = (size_t)weights->n_rows * weights->n_lights;
     LS_CLEANUP_FREE float *rows = malloc(each * asked->n * sizeof *rows);
@@ -165,9 +166,8 @@ static enum ls_err send(struct ls_command_context *context, const struct ls_reli
 
 static bool too_many(const struct ls_command_context *context, enum ls_err err)
 {
-    return err == LS_ERR_LIMIT ||
-           (err == LS_ERR_REFUSED &&
-            ls_connection_error(context->connection) == LS_PROTO_OVER_LIMIT);
+    return err == LS_ERR_LIMIT || (err == LS_ERR_REFUSED &&
+                                   ls_connection_error(context->connection) == LS_PROTO_OVER_LIMIT);
 }
 
 int ls_relight_request(struct ls_command_context *context, const struct ls_relight_options *options,
@@ -184,8 +184,7 @@ int ls_relight_request(struct ls_command_context *context, const struct ls_relig
         return LS_EXIT_OK;
     if (n == 1 || !too_many(context, err))
         return ls_command_failed(context, err);
-    int code =
-        ls_relight_request(context, options, document, weights, half, images, result);
+    int code = ls_relight_request(context, options, document, weights, half, images, result);
     return code ? code
                 : ls_relight_request(context, options, document, weights + half, n - half,
                                      images + half, result);

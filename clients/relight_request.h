@@ -25,15 +25,15 @@ struct ls_relit {
     bool calibrated;
 };
 
-/** How many of the @n pictures to ask for at once: of one kind of weights, and no more than fit into
- * 2 GiB; at least 1. */
+/** How many of the @n pictures to ask for at once: of one kind of weights, and no more than fit
+ * into 2 GiB; at least 1. */
 uint32_t ls_relight_at_once(const struct ls_relight_options *options,
                             const struct ls_take_document *document,
                             const struct ls_light_weights *weights, uint32_t n);
 
 /** Pictures under weights[n] of one kind into images[n], camera RGB, or after M (after_m). What the
- * daemon will not make at once is asked for in halves. Adds to *result. LS_EXIT_OK or the exit code,
- * said already. images: zeroed; finish them in any case. */
+ * daemon will not make at once is asked for in halves. Adds to *result. LS_EXIT_OK or the exit
+ * code, said already. images: zeroed; finish them in any case. */
 int ls_relight_request(struct ls_command_context *context, const struct ls_relight_options *options,
                        const struct ls_take_document *document,
                        const struct ls_light_weights *weights, uint32_t n, struct ls_image *images,

@@ -77,11 +77,12 @@ static bool is_headlight(const char *kind, const char *pattern)
     return strcmp(kind, "segment") == 0 && pattern && strncmp(pattern, "headlight", 9) == 0;
 }
 
-/* Part of a division of the dome, as the daemon counts them; other lists of lights belong to bases. */
+/* Part of a division of the dome, as the daemon counts them; other lists of lights belong to bases.
+ */
 static bool is_segment(const char *kind, const char *pattern)
 {
-    return strcmp(kind, "segment") == 0 &&
-           (!pattern || strncmp(pattern, "segments-", 9) == 0 || strncmp(pattern, "lights-", 7) == 0);
+    return strcmp(kind, "segment") == 0 && (!pattern || strncmp(pattern, "segments-", 9) == 0 ||
+                                            strncmp(pattern, "lights-", 7) == 0);
 }
 
 /* Stands for each light. */
@@ -128,9 +129,9 @@ static void copy_date(const json_t *doc, char out[40])
 {
     const char *utc = json_string_value(json_object_get(doc, "utc"));
     int v[6];
-    if (utc && sscanf(utc, "%4d-%2d-%2dT%2d:%2d:%2d", &v[0], &v[1], &v[2], &v[3], &v[4], &v[5]) == 6)
-        snprintf(out, 40, "%04d:%02d:%02d %02d:%02d:%02d", v[0], v[1], v[2],
-                 v[3], v[4], v[5]);
+    if (utc &&
+        sscanf(utc, "%4d-%2d-%2dT%2d:%2d:%2d", &v[0], &v[1], &v[2], &v[3], &v[4], &v[5]) == 6)
+        snprintf(out, 40, "%04d:%02d:%02d %02d:%02d:%02d", v[0], v[1], v[2], v[3], v[4], v[5]);
 }
 
 static enum ls_err read_camera(struct ls_take_document *d, const json_t *rig, uint32_t camera,

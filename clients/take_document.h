@@ -16,7 +16,7 @@ enum { LS_DOCUMENT_CHANNELS = 16, LS_DOCUMENT_LIGHTS = 4096 };
 
 struct ls_document_camera {
     char vendor[64], model[64], serial[64];
-    char lens[64];              /* empty: not said */
+    char lens[64];             /* empty: not said */
     float aperture, iso_speed; /* 0: not said */
     float position_m[3], look_at_m[3];
 };
@@ -27,7 +27,7 @@ struct ls_take_document {
     uint32_t n_lights;
     float (*position_m)[3]; /* stage frame */
     float (*direction)[3];  /* unit, towards the light */
-    double *omega_sr;      /* of the cells; the calibration's, if it has one */
+    double *omega_sr;       /* of the cells; the calibration's, if it has one */
     uint32_t n_channels;
     struct {
         char name[32];
@@ -46,9 +46,9 @@ struct ls_take_document {
 int ls_take_document_get(struct ls_command_context *context, const char *take, uint32_t camera,
                          struct ls_take_document **out);
 
-/** Parse take.json. Errors: LS_ERR_INVALID naming the key, or the cameras there are; those of ls_calibration_parse. */
-LS_MUST_CHECK enum ls_err ls_take_document_parse(const char *text, size_t n,
-                                                 uint32_t camera,
+/** Parse take.json. Errors: LS_ERR_INVALID naming the key, or the cameras there are; those of
+ * ls_calibration_parse. */
+LS_MUST_CHECK enum ls_err ls_take_document_parse(const char *text, size_t n, uint32_t camera,
                                                  struct ls_take_document **out,
                                                  struct ls_diag *diag);
 

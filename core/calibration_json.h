@@ -3,8 +3,8 @@
  * the path of what was wrong; and writing them. Private to the calibration's own files.
  * Layer: core. Threads: any. Ownership: everything is the caller's.
  *
- * Every function that reads: @path is where the value stands, LS_ERR_INVALID says what was expected there and
- * what was found, LS_ERR_LIMIT that there is too much of it.
+ * Every function that reads: @path is where the value stands, LS_ERR_INVALID says what was expected
+ * there and what was found, LS_ERR_LIMIT that there is too much of it.
  */
 #ifndef LS_CORE_CALIBRATION_JSON_H
 #define LS_CORE_CALIBRATION_JSON_H

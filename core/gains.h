@@ -15,10 +15,10 @@
  * that mean, which the lights nobody saw dominate, is common to all and part of every sigma_k; so
  * is 0.01 %, by which merged pictures may be off at the edges of the exposures' ranges.
  *
- * Accuracy, of lights without a flag on 23 simulated rigs whose lights spread by 5 and 10 % and stand
- * up to 0.9 degrees beside their place: k within 0.43 % (one camera), 0.22 % (two), 0.19 % (three or
- * four); 0.5 % is promised. With one camera most of it is the error of the mean of g, common to all
- * lights; the rest lies within its sigma for 67 % of them.
+ * Accuracy, of lights without a flag on 23 simulated rigs whose lights spread by 5 and 10 % and
+ * stand up to 0.9 degrees beside their place: k within 0.43 % (one camera), 0.22 % (two), 0.19 %
+ * (three or four); 0.5 % is promised. With one camera most of it is the error of the mean of g,
+ * common to all lights; the rest lies within its sigma for 67 % of them.
  *
  * From the levels, with rho the reflectance of the grey sphere and "green" the reference colour
  * (mono: the only one): scale = rho / level(W, green), p(s,c) = level(s,c) / level(W, green).

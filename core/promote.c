@@ -37,8 +37,8 @@ static void fill_sigma(const struct ls_field *field, const float *row, size_t n_
     double floor_variance =
         field->noise.read_variance * squares + field->noise.dark_variance * sum * sum;
     for (size_t j = 0; j < n; j++)
-        sigma[j] = (float)sqrt(floor_variance +
-                               field->noise.shot * per_light * fmax((double)light[j], 0));
+        sigma[j] =
+            (float)sqrt(floor_variance + field->noise.shot * per_light * fmax((double)light[j], 0));
 }
 
 void ls_promote_sigma(const struct ls_field *field, const float *row, size_t n_row, const float *v,

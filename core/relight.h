@@ -75,7 +75,8 @@ void ls_relight_row(const struct ls_field *field, const double *w, size_t stride
 void ls_relight_tristimulus_row(const struct ls_field *field, const double *w, size_t stride,
                                 uint32_t c, float *row);
 
-/** Demosaic a sum as the field says: @window is what of the picture @sum holds ([window.height][window.width]),
+/** Demosaic a sum as the field says: @window is what of the picture @sum holds
+ * ([window.height][window.width]),
  * @region the part wanted (with its halo inside the window, see ls_demosaic_needs). Mono copies.
  * out[region.height][region.width][n_channels]. Errors as ls_demosaic. */
 LS_MUST_CHECK enum ls_err ls_relight_demosaic(const struct ls_field *field, const float *sum,

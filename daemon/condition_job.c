@@ -48,8 +48,7 @@ static enum ls_err open_take(struct condition_job *self, struct ls_diag *diag)
         (int)sizeof folder)
         return ls_fail(diag, LS_ERR_INVALID, "%s: the path is too long", self->storage);
     enum ls_err err = ls_takedir_open(folder, &self->take, diag);
-    return err ? err
-               : ls_take_facts_read(self->take->take_json, self->camera, &self->facts, diag);
+    return err ? err : ls_take_facts_read(self->take->take_json, self->camera, &self->facts, diag);
 }
 
 static enum ls_err check_planned(const struct condition_job *self, const char *name,
@@ -136,7 +135,8 @@ static enum ls_err make_band(struct condition_job *self, struct ls_chunk *chunk,
     enum ls_err err = self->map.base ? LS_OK : open_picture(self, diag);
     if (err)
         return err;
-    uint32_t rows = BAND_BYTES / (4 * self->region.width) + 1, left = self->region.height - self->row;
+    uint32_t rows = BAND_BYTES / (4 * self->region.width) + 1,
+             left = self->region.height - self->row;
     rows = rows < left ? rows : left;
     err = read_rows(self, rows, chunk, diag);
     if (err)
@@ -161,8 +161,8 @@ static enum ls_err condition_step(struct ls_job *job, struct ls_chunk *chunk, bo
 static enum ls_err check(const Lightstage__Fetch *fetch, struct ls_diag *diag)
 {
     if (fetch->n_conditions > MAX_NAMES)
-        return ls_fail(diag, LS_ERR_LIMIT, "fetch: %zu conditions, at most %d",
-                       fetch->n_conditions, MAX_NAMES);
+        return ls_fail(diag, LS_ERR_LIMIT, "fetch: %zu conditions, at most %d", fetch->n_conditions,
+                       MAX_NAMES);
     if (fetch->channel[0] || fetch->n_lights || fetch->full_sphere)
         return ls_fail(diag, LS_ERR_INVALID,
                        "fetch: conditions take no channel, lights or full_sphere");

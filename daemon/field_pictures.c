@@ -184,9 +184,9 @@ static enum ls_err gather_set(struct ls_field_source *source, const struct ls_ta
             fact->kind != (row ? LS_FACT_MULTIPLEX : LS_FACT_ONE) ||
             (row && !ls_field_multiplex_belongs(set->group, fact)))
             continue;
-        err = set_add(source, set, &source->maps[i],
-                      ls_takedir_find(take, fact->id, source->camera),
-                      row ? fact->part : fact->light, diag);
+        err =
+            set_add(source, set, &source->maps[i], ls_takedir_find(take, fact->id, source->camera),
+                    row ? fact->part : fact->light, diag);
     }
     return err;
 }

@@ -17,7 +17,7 @@ struct ls_field_segments {
     uint32_t n;
     struct ls_picture pictures[LS_FIELD_MAX_SEGMENTS];
     double factor[LS_FIELD_MAX_SEGMENTS]; /* ls_field_source_factor */
-    uint32_t segment[LS_MAX_LIGHTS];       /* of each light */
+    uint32_t segment[LS_MAX_LIGHTS];      /* of each light */
 };
 
 /**

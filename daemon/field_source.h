@@ -5,9 +5,10 @@
  * which any thread may ask for. Ownership: the source owns everything it points at.
  *
  * A take may hold, of any channel: each light by itself or the rows of an S-matrix that stand for
- * them (daemon/light_set.h), the full sphere, segments of the dome, the head light. Spectra of the field are the channels of kind spectrum of which it holds any of
- * these, white first. White is the first channel photographed light by light; in a take whose
- * lights were photographed behind polarisers only, it is the sum of the two, V + H.
+ * them (daemon/light_set.h), the full sphere, segments of the dome, the head light. Spectra of the
+ * field are the channels of kind spectrum of which it holds any of these, white first. White is the
+ * first channel photographed light by light; in a take whose lights were photographed behind
+ * polarisers only, it is the sum of the two, V + H.
  *
  * Without a calibration in the take the field is what it can be: gains, p and factors 1, scale 1
  * (values as stored, white near 1), cells from the lights' positions; `calibrated` is false.

@@ -82,8 +82,8 @@ struct ls_plan {
 LS_MUST_CHECK enum ls_err ls_plan_parse(const char *text, const struct ls_config *config,
                                         struct ls_plan **out, struct ls_diag *diag);
 
-/** The calibrated factor of a condition's pattern at its nominal duty; 1 for darks and single lights,
- * which need none; 0 where none was calibrated. */
+/** The calibrated factor of a condition's pattern at its nominal duty; 1 for darks and single
+ * lights, which need none; 0 where none was calibrated. */
 double ls_plan_factor(const struct ls_plan_condition *condition, const struct ls_config *config,
                       const struct ls_calibration *calibration);
 

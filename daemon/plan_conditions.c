@@ -15,8 +15,9 @@ enum {
     MAX_DEGREE = 9,
 };
 
-static const char *const kind_words[] = {"each",      "sphere",    "segment",   "segments", "headlight",
-                                         "multiplex", "harmonics", "gradients", NULL};
+static const char *const kind_words[] = {"each",      "sphere",    "segment",
+                                         "segments",  "headlight", "multiplex",
+                                         "harmonics", "gradients", NULL};
 enum kind {
     KIND_EACH,
     KIND_SPHERE,
@@ -299,10 +300,13 @@ static void read_condition(struct ls_conf *list, const config_setting_t *group,
     uint32_t n_channels = read_channels(&c, b->config, channels);
     struct ls_plan_entry entry = {.builder = b, .lights = lights};
     entry.n_lights = read_lights(&c, b->config, options.kind, lights);
-    entry.level = (uint16_t)ls_conf_int(&c, "level", usual_level(&options, entry.n_lights), 1, FULL);
+    entry.level =
+        (uint16_t)ls_conf_int(&c, "level", usual_level(&options, entry.n_lights), 1, FULL);
     if (options.kind == KIND_EACH && entry.level != FULL)
-        ls_conf_error(&c, "level", "%u: single lights are photographed at %d: R = k E holds for "
-                                   "what k was measured at", entry.level, FULL);
+        ls_conf_error(&c, "level",
+                      "%u: single lights are photographed at %d: R = k E holds for "
+                      "what k was measured at",
+                      entry.level, FULL);
     for (uint32_t k = 0; k < n_channels && !c.err; k++) {
         entry.channel = channels[k];
         add(&c, &entry, &options);

@@ -42,9 +42,8 @@ struct ls_plan_condition *ls_plan_add_condition(struct ls_conf *conf,
  * level 0 left out. One that gives every light it keeps the whole level is a SEGMENT, else a LIST.
  * The caller names it and its pattern. NULL where the plan is full.
  */
-struct ls_plan_condition *ls_plan_add_pattern(struct ls_conf *conf,
-                                              const struct ls_plan_entry *entry,
-                                              const double *weights);
+struct ls_plan_condition *
+ls_plan_add_pattern(struct ls_conf *conf, const struct ls_plan_entry *entry, const double *weights);
 
 /** Read the plan's `conditions`. */
 void ls_plan_read_conditions(struct ls_conf *conf, struct ls_plan_builder *builder);

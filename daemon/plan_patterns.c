@@ -17,7 +17,7 @@ static const char *channel_name(const struct ls_plan_entry *e)
 
 static float (*directions_of(const struct ls_plan_entry *e))[3]
 {
-    float (*out)[3] = calloc(e->n_lights, sizeof *out);
+    float(*out)[3] = calloc(e->n_lights, sizeof *out);
     for (uint32_t i = 0; out && i < e->n_lights; i++)
         memcpy(out[i], e->builder->config->lights[e->lights[i]].position_m, sizeof out[i]);
     return out;

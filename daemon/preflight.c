@@ -16,7 +16,7 @@ enum {
     PUBLISHED_BYTES = 512,
     DOCUMENT_BYTES = 8 << 20, /* take.json, twice */
     MAX_PATTERN_WARNINGS = 8,
-    FLASH_LOW_HZ = 3,         /* visible flashing of a live subject */
+    FLASH_LOW_HZ = 3, /* visible flashing of a live subject */
     FLASH_HIGH_HZ = 30,
     HOLD_MARGIN_US = 100000, /* from lit to exposing and from exposed to received, host included */
 };
@@ -243,10 +243,11 @@ static void judge_multiplexing(const struct ls_preflight_input *in, uint32_t cam
         ls_multiplex_noise(c->parts, in->config->n_lights, scale, half, read, shot, &bright, NULL))
         return;
     if (black.gain <= 1)
-        warn(out,
-             "multiplex of %s, camera %u: never wins over each (gain %.2f at black, %.2f at half of "
-             "full scale): at this level the rows are too dim",
-             name, camera, black.gain, bright.gain);
+        warn(
+            out,
+            "multiplex of %s, camera %u: never wins over each (gain %.2f at black, %.2f at half of "
+            "full scale): at this level the rows are too dim",
+            name, camera, black.gain, bright.gain);
     else
         warn(out,
              "multiplex of %s, camera %u: wins where a light alone reads less than %.3g DN, loses "

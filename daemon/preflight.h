@@ -28,8 +28,8 @@ struct ls_preflight_input {
  *   LS_ERR_INVALID  rig and controller disagree, or the bracket leaves gaps
  *   LS_ERR_REFUSED  a live subject would see flashes of 3 to 30 Hz and allow_flashing is not set
  *   LS_ERR_FULL     the take would not fit the disk
- * Warnings do not refuse: uncalibrated patterns, settings a camera cannot prove, few darks; and what
- * multiplexing gains and loses.
+ * Warnings do not refuse: uncalibrated patterns, settings a camera cannot prove, few darks; and
+ * what multiplexing gains and loses.
  */
 LS_MUST_CHECK enum ls_err ls_preflight_check(const struct ls_preflight_input *input,
                                              struct ls_preflight *out, struct ls_diag *diag);

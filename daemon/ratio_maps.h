@@ -23,9 +23,9 @@ struct ls_ratio_job {
     const float *v_rows, *f_rows;   /* [n][n_v], [n][n_f] */
     bool squares; /* v_rows is [2 n][n_v]: behind the weights stand their squares, whose sum is the
                      light that V has its shot noise of; without them it is V */
-    const double (*neutral)[3];     /* [n], p(s,c) / p(0,c) */
-    float **maps;                   /* [n] -> [height][width][n_channels] */
-    const struct ls_job *asker;     /* no more bands once it is cancelled; or NULL */
+    const double (*neutral)[3]; /* [n], p(s,c) / p(0,c) */
+    float **maps;               /* [n] -> [height][width][n_channels] */
+    const struct ls_job *asker; /* no more bands once it is cancelled; or NULL */
 };
 
 /** Errors: LS_ERR_ABORTED, LS_ERR_NOMEM, those of core/promote.h and ls_accumulate. */

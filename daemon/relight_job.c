@@ -26,7 +26,7 @@ struct relight_job {
     double max_error;
     struct ls_demosaic_region region;
     struct ls_demosaic_region band;
-    float *pixels;         /* of the band, [n_pictures][height][width][3]; NULL: none is being sent */
+    float *pixels; /* of the band, [n_pictures][height][width][3]; NULL: none is being sent */
     uint32_t next_picture; /* of the band */
     bool complete;         /* no band follows */
     double seconds;
@@ -246,9 +246,10 @@ static enum ls_err check(const Lightstage__Relight *relight, uint32_t n_rows, si
                        "all; ask for fewer pictures at once",
                        n_pictures, n_rows, LS_RENDER_MAX_TERMS);
     if (payload_bytes != n_pictures * n_rows * relight->n_lights * sizeof(float))
-        return ls_fail(diag, LS_ERR_INVALID,
-                       "relight: a payload of %zu bytes, expected %zu rows of %u weights of 4 bytes",
-                       payload_bytes, n_pictures * n_rows, relight->n_lights);
+        return ls_fail(
+            diag, LS_ERR_INVALID,
+            "relight: a payload of %zu bytes, expected %zu rows of %u weights of 4 bytes",
+            payload_bytes, n_pictures * n_rows, relight->n_lights);
     if (!(relight->max_error >= 0) || !isfinite(relight->max_error))
         return ls_fail(diag, LS_ERR_INVALID, "relight: max_error: expected 0 or more");
     for (size_t i = 0; i < relight->n_channels; i++)

@@ -190,8 +190,8 @@ static double amplification(const struct ls_render *render)
     return filter * fmax(most, 1);
 }
 
-/* What a band of all pictures holds in memory: sums over two rows of tiles, what is made of polarised
- * pictures, and the pictures. One picture gets what it needs. */
+/* What a band of all pictures holds in memory: sums over two rows of tiles, what is made of
+ * polarised pictures, and the pictures. One picture gets what it needs. */
 static enum ls_err check_room(const struct ls_render *render, struct ls_diag *diag)
 {
     static const double most = 256 << 20;

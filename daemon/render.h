@@ -34,7 +34,7 @@ struct ls_render_job {
     uint32_t n_terms, n_pictures;
     struct ls_demosaic_region region; /* inside the picture */
     double max_error; /* what may be left out of each picture and pixel, in R before promotion */
-    bool mosaic; /* one term, photographed: the sum before demosaicing */
+    bool mosaic;      /* one term, photographed: the sum before demosaicing */
     const struct ls_job *asker; /* open stops soon after it is cancelled; or NULL */
 };
 
@@ -53,9 +53,10 @@ LS_MUST_CHECK enum ls_err ls_render_open(struct ls_field_source *source,
 
 /**
  * Do a piece of work; when a band is complete, *pixels is
- * [n_pictures][band->height][band->width][3] (mono and mosaic: the same value three times), (transfer full),
- * free(), else NULL. Camera RGB, in R's unit. *done with the last band. LS_ERR_INVALID,
- * LS_ERR_NOMEM. Whether the pictures could be read is the caller's to ask (ls_field_source_sound).
+ * [n_pictures][band->height][band->width][3] (mono and mosaic: the same value three times),
+ * (transfer full), free(), else NULL. Camera RGB, in R's unit. *done with the last band.
+ * LS_ERR_INVALID, LS_ERR_NOMEM. Whether the pictures could be read is the caller's to ask
+ * (ls_field_source_sound).
  */
 LS_MUST_CHECK enum ls_err ls_render_step(struct ls_render *render, struct ls_demosaic_region *band,
                                          float **pixels, bool *done, struct ls_diag *diag);

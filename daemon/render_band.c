@@ -266,8 +266,8 @@ static void finish_mosaic(const struct ls_render *render, struct ls_demosaic_reg
     const struct ls_demosaic_region window = window_of(render, sum);
     float scale = (float)render->source->field.scale;
     for (uint32_t y = 0; y < band.height; y++) {
-        const float *from = sum_at(render, sum) +
-                            (size_t)(band.y + y - window.y) * window.width + (band.x - window.x);
+        const float *from = sum_at(render, sum) + (size_t)(band.y + y - window.y) * window.width +
+                            (band.x - window.x);
         for (uint32_t x = 0; x < band.width; x++, picture += 3)
             picture[0] = picture[1] = picture[2] = scale * from[x];
     }

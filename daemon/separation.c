@@ -20,11 +20,12 @@ enum ls_err ls_separation_possible(const struct ls_field_source *source, struct 
         const char *name = source->facts->channels[channels[v]].name;
         uint32_t found = set_of(source, channels[v])->n_found;
         if (ls_light_set_is_multiplexed(set_of(source, channels[v])))
-            return ls_fail(diag, LS_ERR_STATE,
-                           "the lights under %s of take %s were multiplexed, and a separation looks "
-                           "at each light of each pixel: it needs them one by one (a condition of "
-                           "kind \"each\")",
-                           name, source->take);
+            return ls_fail(
+                diag, LS_ERR_STATE,
+                "the lights under %s of take %s were multiplexed, and a separation looks "
+                "at each light of each pixel: it needs them one by one (a condition of "
+                "kind \"each\")",
+                name, source->take);
         if (!ls_field_source_planned(source, LS_FACT_ONE, (uint32_t)channels[v], -1))
             return ls_fail(diag, LS_ERR_NOT_FOUND,
                            "the plan of take %s has no pictures of single lights under %s (a "
@@ -73,8 +74,8 @@ static enum ls_err make_splits(struct ls_separation *separation,
         err = factors_of(source, i, ideal, &a, diag);
         if (!err)
             err = ls_split_make(a, set_of(source, source->vertical)->group[0].k[i],
-                                set_of(source, source->horizontal)->group[0].k[i], &separation->split[i],
-                                diag);
+                                set_of(source, source->horizontal)->group[0].k[i],
+                                &separation->split[i], diag);
         separation->inseparable += !err && ls_split_inseparable(&separation->split[i]);
     }
     return err;

@@ -27,13 +27,13 @@ enum ls_fact_kind {
 struct ls_condition_fact {
     char id[64];
     enum ls_fact_kind kind;
-    bool watch;        /* DARK: no light has it subtracted */
-    uint32_t light;    /* ONE */
-    uint32_t channel;  /* all but DARK and OTHER; index into channels */
-    double duty;       /* of full level, (0, 1] */
-    char pattern[16];  /* its class in the calibration: "sphere", "segments-14", "lights-25" */
-    uint32_t *lights;  /* SEGMENT, HEADLIGHT, MULTIPLEX: those lit, rows of the rig, ascending */
-    uint32_t n_lights; /* 0 otherwise */
+    bool watch;           /* DARK: no light has it subtracted */
+    uint32_t light;       /* ONE */
+    uint32_t channel;     /* all but DARK and OTHER; index into channels */
+    double duty;          /* of full level, (0, 1] */
+    char pattern[16];     /* its class in the calibration: "sphere", "segments-14", "lights-25" */
+    uint32_t *lights;     /* SEGMENT, HEADLIGHT, MULTIPLEX: those lit, rows of the rig, ascending */
+    uint32_t n_lights;    /* 0 otherwise */
     uint32_t part, parts; /* MULTIPLEX: the row, the matrix's order */
     uint32_t repeats;
 };

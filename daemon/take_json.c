@@ -68,8 +68,7 @@ static json_t *uncalibrated_json(const struct ls_take_document *d)
     json_t *ids = json_array();
     for (uint32_t i = 0; i < d->plan->n_conditions; i++) {
         const struct ls_plan_condition *c = &d->plan->conditions[i];
-        if (c->pattern[0] &&
-            !(d->calibration && ls_plan_factor(c, d->config, d->calibration) > 0))
+        if (c->pattern[0] && !(d->calibration && ls_plan_factor(c, d->config, d->calibration) > 0))
             json_array_append_new(ids, json_string(c->id));
     }
     return ids;
@@ -105,24 +104,23 @@ static json_t *camera_json(const struct ls_config_camera *c, const struct ls_cam
     const float sensor[2] = {c->sensor_width_mm, c->sensor_height_mm};
     const float range[2] = {c->range_low, c->range_high};
     json_t *o = json_pack(
-                     "{ss ss ss ss si si ss so so sf so so sf sf sf sf sf ss sf sf ss}", "name",
-                     c->name,
-                     "vendor", info->vendor, "model", info->model, "serial", info->serial, "width",
-                     (int)info->width, "height", (int)info->height, "pixel_format",
-                     info->pixel_format, "position_m", numbers_f(c->position_m, 3), "look_at_m",
-                     numbers_f(c->look_at_m, 3), "focal_length_mm", (double)c->focal_length_mm,
-                     "sensor_mm", numbers_f(sensor, 2), "range", numbers_f(range, 2), "black_dn",
-                     c->black_dn, "full_scale_dn", c->full_scale_dn, "electrons_per_dn",
-                     c->electrons_per_dn, "read_noise_dn", c->read_noise_dn, "exposure_offset_us",
-                     c->exposure_offset_us, "unverified", info->unverified, "gain", info->gain, "black_level",
-                     info->black_level, "exposure",
-                     c->driver.exposure == LS_EXPOSURE_WIDTH ? "width" : "timed");
+        "{ss ss ss ss si si ss so so sf so so sf sf sf sf sf ss sf sf ss}", "name", c->name,
+        "vendor", info->vendor, "model", info->model, "serial", info->serial, "width",
+        (int)info->width, "height", (int)info->height, "pixel_format", info->pixel_format,
+        "position_m", numbers_f(c->position_m, 3), "look_at_m", numbers_f(c->look_at_m, 3),
+        "focal_length_mm", (double)c->focal_length_mm, "sensor_mm", numbers_f(sensor, 2), "range",
+        numbers_f(range, 2), "black_dn", c->black_dn, "full_scale_dn", c->full_scale_dn,
+        "electrons_per_dn", c->electrons_per_dn, "read_noise_dn", c->read_noise_dn,
+        "exposure_offset_us", c->exposure_offset_us, "unverified", info->unverified, "gain",
+        info->gain, "black_level", info->black_level, "exposure",
+        c->driver.exposure == LS_EXPOSURE_WIDTH ? "width" : "timed");
     return add_lens(c, o);
 }
 
 static json_t *channel_json(const struct ls_config_channel *c)
 {
-    json_t *o = json_pack("{ss ss}", "name", c->name, "kind", c->polariser ? "polariser" : "spectrum");
+    json_t *o =
+        json_pack("{ss ss}", "name", c->name, "kind", c->polariser ? "polariser" : "spectrum");
     if (!c->spectrum)
         return o;
     json_t *values = json_array();

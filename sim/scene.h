@@ -54,7 +54,7 @@ struct sim_view_config {
     double position_m[3], look_at_m[3];
     double focal_length_mm, sensor_width_mm; /* square pixels: height follows from the size */
     uint32_t width, height;                  /* sensor, px; both >= 1 */
-    char cfa[8]; /* "RG" "GR" "GB" "BG": the 2x2 cell's first row at pixel (0,0); "mono" */
+    char cfa[8];    /* "RG" "GR" "GB" "BG": the 2x2 cell's first row at pixel (0,0); "mono" */
     double blur_px; /* sigma of a point's image, photosites' aperture included: sim/blur.h */
     /* sensor: x = black + full_scale * rate * radiance * t, then noise, in fractions of full scale
      */

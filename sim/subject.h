@@ -82,7 +82,8 @@ enum sim_material {
     SIM_MATERIALS,
 };
 
-/** @scene: "stilllife", "grey", "chrome", "gloss" or "highlights"; anything else leaves the dome empty. */
+/** @scene: "stilllife", "grey", "chrome", "gloss" or "highlights"; anything else leaves the dome
+ * empty. */
 void sim_subject_build(const char *scene, double sphere_radius_m, struct sim_subject *out);
 
 /** The surface at (u, v) of a body's part; (*su, *sv) in [0, 1] within it. */

@@ -471,8 +471,8 @@ static void the_camera_is_the_one_that_was_named(struct stage *stage, gconstpoin
     g_assert_true(g_file_get_contents(names[0], &a, &n_a, NULL));
     g_assert_true(g_file_get_contents(names[1], &b, &n_b, NULL));
     g_assert_true(n_a != n_b || memcmp(a, b, n_a) != 0);
-    char *line = g_strdup_printf("fetch %s --channel W --camera 2 --output %s/x", take->id,
-                                 stage->folder);
+    char *line =
+        g_strdup_printf("fetch %s --channel W --camera 2 --output %s/x", take->id, stage->folder);
     expect(stage->socket_path, line, 2, "the take has cameras 0 to 1");
     for (int camera = 0; camera < 2; camera++)
         g_free(names[camera]);

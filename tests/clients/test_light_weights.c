@@ -59,9 +59,9 @@ static struct ls_light_weights solve(const struct ls_take_document *document,
 {
     struct ls_light_weights weights;
     struct ls_diag diag = {0};
-    const struct ls_light_options options = {
-        .model = LIGHTSTAGE__MODEL__SPHERE,
-        .solve = tristimulus ? LS_LIGHT_TRISTIMULUS : LS_LIGHT_SPECTRAL};
+    const struct ls_light_options options = {.model = LIGHTSTAGE__MODEL__SPHERE,
+                                             .solve = tristimulus ? LS_LIGHT_TRISTIMULUS
+                                                                  : LS_LIGHT_SPECTRAL};
     enum ls_err err = ls_light_weights_make(document, environment, &options, &weights, &diag);
     g_assert_cmpstr(diag.text, ==, "");
     g_assert_cmpint(err, ==, LS_OK);
@@ -217,8 +217,8 @@ static void direction_of_light(const struct ls_take_document *document, double t
     g_assert_cmpint(ls_light_weights_make(document, &map, &options, &weights, NULL), ==, LS_OK);
     for (uint32_t i = 0; i < weights.n_lights; i++)
         for (int a = 0; a < 3; a++)
-            out[a] += (double)weights.rows[weights.n_lights + i] *
-                      (double)document->direction[i][a];
+            out[a] +=
+                (double)weights.rows[weights.n_lights + i] * (double)document->direction[i][a];
     ls_light_weights_finish(&weights);
     ls_environment_file_finish(&map);
 }
@@ -254,8 +254,8 @@ static void damaged_documents_are_refused_by_key(void)
     for (size_t i = 0; i < G_N_ELEMENTS(texts); i++) {
         struct ls_take_document *document = NULL;
         struct ls_diag diag = {0};
-        g_assert_cmpint(ls_take_document_parse(texts[i], strlen(texts[i]), 0, &document, &diag),
-                        ==, LS_ERR_INVALID);
+        g_assert_cmpint(ls_take_document_parse(texts[i], strlen(texts[i]), 0, &document, &diag), ==,
+                        LS_ERR_INVALID);
         g_assert_nonnull(strstr(diag.text, "take.json"));
     }
 }
@@ -282,7 +282,10 @@ static char *captured_folder(const struct ls_calibration *cal, double scale, uin
         "\"normal\":[0,0,1],\"rgb\":[");
     for (uint32_t p = 0; p < n_patches; p++)
         for (uint32_t c = 0; c < 3; c++)
-            g_string_append_printf(json, "%s%.9g%s", c ? "," : p ? ",[" : "[",
+            g_string_append_printf(json, "%s%.9g%s",
+                                   c   ? ","
+                                   : p ? ",["
+                                       : "[",
                                    scale * (double)cal->L[(p * 3 + c) * cal->n_channels + 1],
                                    c == 2 ? "]" : "");
     g_string_append(json, "]}]}");
@@ -369,7 +372,8 @@ static void words_of_the_command_line_are_understood(void)
     g_assert_false(ls_light_cells_option("cubic", &smooth));
 }
 
-/* Every way of solving finds the LED that the light is of; per-target fits one channel at a time. */
+/* Every way of solving finds the LED that the light is of; per-target fits one channel at a time.
+ */
 static void every_solve_and_method_finds_the_led(void)
 {
     struct ls_take_document *document = a_document(true);
@@ -382,8 +386,7 @@ static void every_solve_and_method_finds_the_led(void)
             .smooth = k & 4};
         struct ls_light_weights weights;
         struct ls_diag diag = {0};
-        enum ls_err err =
-            ls_light_weights_make(document, &environment, &options, &weights, &diag);
+        enum ls_err err = ls_light_weights_make(document, &environment, &options, &weights, &diag);
         g_assert_cmpstr(diag.text, ==, "");
         g_assert_cmpint(err, ==, LS_OK);
         g_assert_cmpuint(weights.n_rows, ==, k & 1 ? 6 : 2);
@@ -413,12 +416,14 @@ static struct ls_take_document *a_document_with(const char *kind, const char *pa
     g_autofree char *text = take_json_text(cal, 1);
     json_t *doc = json_loads(text, 0, NULL), *item;
     size_t i;
-    json_array_foreach(json_object_get(json_object_get(doc, "plan"), "conditions"), i, item)
-        if (!strcmp(json_string_value(json_object_get(item, "id")), "sphere-R")) {
-            json_object_set_new(item, "kind", json_string(kind));
-            if (pattern)
-                json_object_set_new(item, "pattern", json_string(pattern));
-        }
+    json_array_foreach(
+        json_object_get(json_object_get(doc, "plan"), "conditions"), i,
+        item) if (!strcmp(json_string_value(json_object_get(item, "id")), "sphere-R"))
+    {
+        json_object_set_new(item, "kind", json_string(kind));
+        if (pattern)
+            json_object_set_new(item, "pattern", json_string(pattern));
+    }
     char *changed = json_dumps(doc, JSON_REAL_PRECISION(17));
     g_assert_cmpint(ls_take_document_parse(changed, strlen(changed), 0, &document, NULL), ==,
                     LS_OK);

@@ -6,9 +6,8 @@
 
 static void test_order(void)
 {
-    static const uint32_t cases[][2] = {{1, 3},   {2, 3},     {3, 7},      {6, 7},
-                                        {7, 11},  {18, 19},   {345, 347},  {346, 347},
-                                        {347, 359}, {4096, 4099}};
+    static const uint32_t cases[][2] = {{1, 3},   {2, 3},     {3, 7},     {6, 7},     {7, 11},
+                                        {18, 19}, {345, 347}, {346, 347}, {347, 359}, {4096, 4099}};
     for (size_t k = 0; k < G_N_ELEMENTS(cases); k++)
         g_assert_cmpuint(ls_multiplex_order(cases[k][0]), ==, cases[k][1]);
 }
@@ -33,9 +32,13 @@ static void test_inverse(void)
     }
 }
 
-/* A product of 32 Gauss points in height and 64 azimuths integrates polynomials of degree 31 exactly,
- * so only rounding is left: 1e-12. */
-enum { HEIGHTS = 32, AZIMUTHS = 64, COUNT = (LS_HARMONICS_MAX_DEGREE + 1) * (LS_HARMONICS_MAX_DEGREE + 1) };
+/* A product of 32 Gauss points in height and 64 azimuths integrates polynomials of degree 31
+ * exactly, so only rounding is left: 1e-12. */
+enum {
+    HEIGHTS = 32,
+    AZIMUTHS = 64,
+    COUNT = (LS_HARMONICS_MAX_DEGREE + 1) * (LS_HARMONICS_MAX_DEGREE + 1)
+};
 
 static void gauss(int n, double *x, double *w)
 {
@@ -60,7 +63,7 @@ static void test_orthonormal(void)
 {
     double x[HEIGHTS], w[HEIGHTS];
     gauss(HEIGHTS, x, w);
-    double *gram = g_new0(double, COUNT * COUNT);
+    double *gram = g_new0(double, COUNT *COUNT);
     for (int h = 0; h < HEIGHTS; h++)
         for (int a = 0; a < AZIMUTHS; a++) {
             double phi = 2 * M_PI * a / AZIMUTHS, r = sqrt(1 - x[h] * x[h]), y[COUNT];

@@ -29,9 +29,9 @@ static void world_up(struct world *w, gconstpointer unused)
     g_assert_cmpint(sim_scene_create(&config, &scene, &diag), ==, LS_OK);
     const struct sim_geometry *geometry = sim_scene_geometry(scene);
     const struct sim_region region = {0, 20, 24, SIDE, SIDE};
-    float *field = g_new(float, SIM_MAX_CHANNELS * PIXELS * 3);
+    float *field = g_new(float, SIM_MAX_CHANNELS *PIXELS * 3);
     w->directions = g_malloc(sizeof *w->directions * LIGHTS);
-    w->e = g_new(float, LIGHTS * PIXELS);
+    w->e = g_new(float, LIGHTS *PIXELS);
     for (uint32_t i = 0; i < LIGHTS; i++) {
         memcpy(w->directions[i], geometry->direction[i], sizeof w->directions[i]);
         g_assert_cmpint(sim_truth_field(scene, &region, i, field, &diag), ==, LS_OK);
@@ -156,14 +156,15 @@ static void test_noise(struct world *w, gconstpointer unused)
     static const double cases[][2] = {{25 / (10500. * 10500.), 0}, {0, 1 / 10500.}};
     for (int k = 0; k < 2; k++) {
         struct ls_multiplex_noise theory;
-        g_assert_cmpint(ls_multiplex_noise(ORDER, LIGHTS, 1, mean, cases[k][0], cases[k][1],
-                                           &theory, NULL),
-                        ==, LS_OK);
+        g_assert_cmpint(
+            ls_multiplex_noise(ORDER, LIGHTS, 1, mean, cases[k][0], cases[k][1], &theory, NULL), ==,
+            LS_OK);
         float **rows = photograph(w, &noise, cases[k][0], cases[k][1], 0);
         double rms = decoded_rms(w, rows);
         g_test_message("%s noise: gain %.3f, theory %.3f", k ? "shot" : "read",
                        theory.single_sigma / rms, theory.gain);
-        /* 138,400 values, those of a pixel independent: 0.19 % is one sigma of a root mean square */
+        /* 138,400 values, those of a pixel independent: 0.19 % is one sigma of a root mean square
+         */
         g_assert_cmpfloat(fabs(rms / theory.multiplexed_sigma - 1), <, 0.01);
         rows_free(rows);
     }
@@ -286,7 +287,8 @@ static void test_harmonics(struct world *w, gconstpointer unused)
 static void test_gradients(struct world *w, gconstpointer unused)
 {
     const float(*d)[3] = (const float(*)[3])w->directions;
-    static const float normals[][3] = {{0, 0, 1}, {0.6f, 0, 0.8f}, {0, 0.8f, 0.6f}, {0.48f, 0.6f, 0.64f}};
+    static const float normals[][3] = {
+        {0, 0, 1}, {0.6f, 0, 0.8f}, {0, 0.8f, 0.6f}, {0.48f, 0.6f, 0.64f}};
     double weights[LIGHTS];
     for (size_t k = 0; k < G_N_ELEMENTS(normals); k++)
         for (unsigned axis = 0; axis < 3; axis++) {
@@ -294,8 +296,9 @@ static void test_gradients(struct world *w, gconstpointer unused)
             ls_gradient_weights(axis, d, LIGHTS, weights);
             for (int i = 0; i < LIGHTS; i++) {
                 double length = sqrt(d[i][0] * d[i][0] + d[i][1] * d[i][1] + d[i][2] * d[i][2]);
-                double n = (d[i][0] * normals[k][0] + d[i][1] * normals[k][1] +
-                            d[i][2] * normals[k][2]) / length;
+                double n =
+                    (d[i][0] * normals[k][0] + d[i][1] * normals[k][1] + d[i][2] * normals[k][2]) /
+                    length;
                 shown += fmax(n, 0) * weights[i];
                 all += fmax(n, 0);
             }

@@ -28,8 +28,8 @@ struct full_take_options {
     bool sphere_factors_only;
     bool multiplexed; /* W by rows of the S-matrix, not light by light, under a supply that sags */
     float ambient;    /* that came after the darks: in every row */
-    bool some_red; /* R light by light too, of the head light's lights */
-    int red_lights; /* R light by light too: of lights 1, 3, 5 .. so many; FULL_LIGHTS = all */
+    bool some_red;    /* R light by light too, of the head light's lights */
+    int red_lights;   /* R light by light too: of lights 1, 3, 5 .. so many; FULL_LIGHTS = all */
 };
 
 struct full_take {

@@ -148,8 +148,9 @@ static double cosine_to_camera(const struct fixture *f, uint32_t i)
 
 static void test_headlight(struct fixture *f, gconstpointer unused)
 {
-    struct ls_plan *plan = plan_of(f, "{ kind = \"headlight\"; channels = [\"R\"]; },"
-                                      "{ kind = \"headlight\"; channels = [\"W\"]; lights = [5, 9]; }");
+    struct ls_plan *plan =
+        plan_of(f, "{ kind = \"headlight\"; channels = [\"R\"]; },"
+                   "{ kind = \"headlight\"; channels = [\"W\"]; lights = [5, 9]; }");
     uint32_t at = 0, nearer = 0;
     uint16_t levels[LIGHTS];
     const struct ls_plan_condition *c = next_lit(plan, &at);
@@ -196,9 +197,10 @@ static void test_multiplex(struct fixture *f, gconstpointer unused)
 
 static void test_harmonics(struct fixture *f, gconstpointer unused)
 {
-    struct ls_plan *plan = plan_of(f, "{ kind = \"harmonics\"; channels = [\"W\"]; degree = 3; },"
-                                      "{ kind = \"harmonics\"; channels = [\"R\"]; degree = 3; form "
-                                      "= \"biased\"; }");
+    struct ls_plan *plan =
+        plan_of(f, "{ kind = \"harmonics\"; channels = [\"W\"]; degree = 3; },"
+                   "{ kind = \"harmonics\"; channels = [\"R\"]; degree = 3; form "
+                   "= \"biased\"; }");
     float directions[LIGHTS][3];
     double y[LIGHTS];
     uint32_t at = 0;
@@ -214,8 +216,8 @@ static void test_harmonics(struct fixture *f, gconstpointer unused)
         const struct ls_plan_condition *b = next_lit(plan, &biased_at);
         g_assert_cmpuint(p->part, ==, index);
         g_assert_cmpuint(p->parts, ==, 16);
-        double peak = ls_harmonic_weights(index, LS_BASIS_BIASED, (const float(*)[3])directions,
-                                          LIGHTS, y);
+        double peak =
+            ls_harmonic_weights(index, LS_BASIS_BIASED, (const float(*)[3])directions, LIGHTS, y);
         levels_of(p, plus);
         memset(minus, 0, sizeof minus);
         if (n)
@@ -300,11 +302,13 @@ static void test_refusals(struct fixture *f, gconstpointer unused)
 {
     static const char *const cases[][2] = {
         {"{ kind = \"segments\"; channels = [\"W\"]; }", "count: expected 1 to 346"},
-        {"{ kind = \"segments\"; count = 347; channels = [\"W\"]; }", "count: 347: expected 0 to 346"},
+        {"{ kind = \"segments\"; count = 347; channels = [\"W\"]; }",
+         "count: 347: expected 0 to 346"},
         {"{ kind = \"segments\"; count = 3; lights = [1]; channels = [\"W\"]; }",
          "unknown key lights"},
         {"{ kind = \"sphere\"; count = 3; channels = [\"W\"]; }", "unknown key count"},
-        {"{ kind = \"harmonics\"; degree = 10; channels = [\"W\"]; }", "degree: 10: expected 0 to 9"},
+        {"{ kind = \"harmonics\"; degree = 10; channels = [\"W\"]; }",
+         "degree: 10: expected 0 to 9"},
         {"{ kind = \"harmonics\"; form = \"halves\"; channels = [\"W\"]; }",
          "\"pairs\" or \"biased\""},
         {"{ kind = \"headlight\"; lights = [4, 4]; channels = [\"W\"]; }", "light 4 stands twice"},
@@ -324,12 +328,15 @@ static void test_refusals(struct fixture *f, gconstpointer unused)
 
 static void test_factors(struct fixture *f, gconstpointer unused)
 {
-    struct ls_plan *plan = plan_of(f, "{ kind = \"each\"; lights = [3]; channels = [\"R\"]; },"
-                                      "{ kind = \"segments\"; count = 2; channels = [\"R\", \"W\"]; },"
-                                      "{ kind = \"sphere\"; channels = [\"R\"]; level = 700; }");
+    struct ls_plan *plan =
+        plan_of(f, "{ kind = \"each\"; lights = [3]; channels = [\"R\"]; },"
+                   "{ kind = \"segments\"; count = 2; channels = [\"R\", \"W\"]; },"
+                   "{ kind = \"sphere\"; channels = [\"R\"]; level = 700; }");
     struct ls_calibration_pattern patterns[] = {{1, "segments-2", 378 / 65535.0, 1.25},
                                                 {1, "sphere", 728 / 65535.0, 1.2}};
-    struct ls_calibration cal = {.n_channels = 2, .n_patterns = 2, .patterns = patterns,
+    struct ls_calibration cal = {.n_channels = 2,
+                                 .n_patterns = 2,
+                                 .patterns = patterns,
                                  .channels = {{.name = "W"}, {.name = "R"}}};
     static const double expected[] = {1, 1.25, 1.25, 0, 0, 0};
     uint32_t at = 0;
@@ -338,7 +345,7 @@ static void test_factors(struct fixture *f, gconstpointer unused)
     ls_plan_destroy(plan);
 }
 
-#define ADD(sentence, function)                                                                    \
+#define ADD(sentence, function) \
     g_test_add("/plan-kinds/" sentence, struct fixture, NULL, setup, function, teardown)
 
 int main(int argc, char **argv)

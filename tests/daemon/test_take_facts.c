@@ -1,4 +1,5 @@
-/* take_facts: take.json as older and newer daemons wrote it, and as somebody who means harm would. */
+/* take_facts: take.json as older and newer daemons wrote it, and as somebody who means harm would.
+ */
 #include "daemon/field_segments.h"
 #include "daemon/take_facts.h"
 #include "tests/daemon/take_fixture.h"
@@ -96,7 +97,8 @@ static void wrong_conditions_are_refused_by_key(void)
          "plan.conditions.lights"},
         {"{\"id\":\"x\",\"kind\":\"segment\",\"channel\":\"R\",\"level\":9,\"lights\":[1,1]}",
          "each light once"},
-        {"{\"id\":\"x\",\"kind\":\"segment\",\"channel\":\"R\",\"level\":9,\"lights\":[4294967296]}",
+        {"{\"id\":\"x\",\"kind\":\"segment\",\"channel\":\"R\",\"level\":9,\"lights\":[4294967296]"
+         "}",
          "plan.conditions.lights"},
         {"{\"id\":\"x\",\"kind\":\"segment\",\"channel\":\"R\",\"level\":9,\"lights\":[0],"
          "\"pattern\":\"lights-89012345678901234567890\"}",
@@ -122,7 +124,8 @@ static void wrong_conditions_are_refused_by_key(void)
 
 enum { MANY = 300 };
 
-/* Memory grows with the segments: a division of hundreds is refused in words, not by what it takes. */
+/* Memory grows with the segments: a division of hundreds is refused in words, not by what it takes.
+ */
 static void a_division_too_fine_to_fit_is_refused(void)
 {
     static uint32_t rows[MANY];
@@ -139,7 +142,8 @@ static void a_division_too_fine_to_fit_is_refused(void)
     g_strlcpy(facts.channels[0].name, "R", sizeof facts.channels[0].name);
     for (uint32_t i = 0; i < MANY; i++) {
         rows[i] = i;
-        conditions[i] = (struct ls_condition_fact){.kind = LS_FACT_SEGMENT, .duty = 1, .n_lights = 1};
+        conditions[i] =
+            (struct ls_condition_fact){.kind = LS_FACT_SEGMENT, .duty = 1, .n_lights = 1};
         conditions[i].lights = &rows[i];
         g_snprintf(conditions[i].pattern, sizeof conditions[i].pattern, "segments-%d", MANY);
         maps[i].base = tiles;

@@ -17,12 +17,12 @@ struct block {
     struct sim_sweep_region *truth;
     float *room;
     double *sums;
-    float *mosaic;                      /* [spectrum][window], true */
-    float *stored, *specular;           /* [window] */
-    float *promoted;                    /* [spectrum][pixels][colour] */
-    float *rgb;                         /* [pixels][colour], true in one spectrum */
-    float *difference, *total;          /* [pixels], squares of one light */
-    double *difference_sum, *total_sum; /* [pixels], of all lights */
+    float *mosaic;                                     /* [spectrum][window], true */
+    float *stored, *specular;                          /* [window] */
+    float *promoted;                                   /* [spectrum][pixels][colour] */
+    float *rgb;                                        /* [pixels][colour], true in one spectrum */
+    float *difference, *total;                         /* [pixels], squares of one light */
+    double *difference_sum, *total_sum;                /* [pixels], of all lights */
     double *black_relit, *black_true, *black_variance; /* [pixels], mosaic */
 };
 

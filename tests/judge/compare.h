@@ -32,8 +32,8 @@ struct judge_tally {
 struct judge_comparison {
     const struct judge *judge;
     const struct ls_field *field;
-    const struct sim_sweep *truth;            /* its channels are the field's spectra, in order */
-    const float *bounced;                     /* [height][width], share of bounced light */
+    const struct sim_sweep *truth; /* its channels are the field's spectra, in order */
+    const float *bounced;          /* [height][width], share of bounced light */
     struct sim_sample samples[SIM_SAMPLES];
 };
 

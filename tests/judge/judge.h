@@ -1,11 +1,11 @@
 /*
  * judge: a take, and pictures relit from it, compared with what the simulator knows to be true.
- * Layer: tests. Threads: one caller; judge_field_errors runs two of its own. Ownership: the caller owns
- * every struct; scene, source and lobes are (transfer none).
+ * Layer: tests. Threads: one caller; judge_field_errors runs two of its own. Ownership: the caller
+ * owns every struct; scene, source and lobes are (transfer none).
  *
- * "Promoted" is the take's field by one model, as the daemon serves it; "true" is the noise-free field through the same mosaic and
- * demosaic; both in camera RGB, no matrix. Spectra: every one but white that the take has pictures
- * of (R A G C B on the reference rig).
+ * "Promoted" is the take's field by one model, as the daemon serves it; "true" is the noise-free
+ * field through the same mosaic and demosaic; both in camera RGB, no matrix. Spectra: every one but
+ * white that the take has pictures of (R A G C B on the reference rig).
  */
 #ifndef LS_TESTS_JUDGE_H
 #define LS_TESTS_JUDGE_H
@@ -38,18 +38,18 @@ struct judge_field_errors {
     double highlight_rms;       /* (light, pixel) pairs with > 50 % specular */
     double promotion;           /* samples relit through one channel by the environment's mean */
     double promotion_by_spectrum[LS_FIELD_MAX_SPECTRA]; /* [spectrum]; 0 is unused */
-    double black_mean_sigma;    /* velvet under a constant map, channel W; in predicted sigmas */
+    double black_mean_sigma; /* velvet under a constant map, channel W; in predicted sigmas */
 };
 
 /** The stored values of a picture over a window, out[height][width]; 0 where no tile is stored. */
 void judge_load(const struct ls_field *field, const struct ls_picture *picture,
                 const struct ls_demosaic_region *window, float *out);
 
-/** One sweep over lights and rows. Errors: LS_ERR_STATE, LS_ERR_NOT_FOUND (a spectrum lacks what the
- * model needs, a light its picture), LS_ERR_INVALID (take and scene differ in size), LS_ERR_NOMEM. */
+/** One sweep over lights and rows. Errors: LS_ERR_STATE, LS_ERR_NOT_FOUND (a spectrum lacks what
+ * the model needs, a light its picture), LS_ERR_INVALID (take and scene differ in size),
+ * LS_ERR_NOMEM. */
 LS_MUST_CHECK enum ls_err judge_field_errors(const struct judge *judge,
-                                             struct judge_field_errors *out,
-                                             struct ls_diag *diag);
+                                             struct judge_field_errors *out, struct ls_diag *diag);
 
 /** The true picture under the environment, through the take's mosaic and demosaic (height, width,
  * 3), and the share of specular light in it (height, width, 1). ls_image_finish each. */
@@ -64,11 +64,11 @@ LS_MUST_CHECK enum ls_err judge_picture_error(const struct ls_image *relit,
                                               struct ls_diag *diag);
 
 /**
- * The paper's errors (its Figs. 5 and 7) of @relit against @truth: squared differences of a sample's
- * mean pixel after the take's matrix M, relative to the square of the true white patch's largest
- * channel, averaged over samples and channels; percent. NAN where there is no M. @chart, @fabric:
- * of the 24 patches, of the 12 fabrics. @rms: the root of the mean over both, percent. Errors:
- * LS_ERR_INVALID (sizes differ), those of sim_truth_samples.
+ * The paper's errors (its Figs. 5 and 7) of @relit against @truth: squared differences of a
+ * sample's mean pixel after the take's matrix M, relative to the square of the true white patch's
+ * largest channel, averaged over samples and channels; percent. NAN where there is no M. @chart,
+ * @fabric: of the 24 patches, of the 12 fabrics. @rms: the root of the mean over both, percent.
+ * Errors: LS_ERR_INVALID (sizes differ), those of sim_truth_samples.
  */
 LS_MUST_CHECK enum ls_err judge_paper_error(const struct judge *judge, const struct ls_image *relit,
                                             const struct ls_image *truth, double *chart,

@@ -57,12 +57,12 @@ static enum ls_err read_line(struct shown_list *list, const char *line, size_t l
         return ls_fail(diag, LS_ERR_INVALID, "log line %u: %s", number, error.text);
     }
     const char *kind = json_string_value(json_object_get(o, "kind"));
-    struct shown shown = { .camera = (uint32_t)integer(o, "camera"),
-                           .camera_ns = (uint64_t)integer(o, "camera_ns"),
-                           .exposure_us = json_number_value(json_object_get(o, "exposure_us")),
-                           .light = integer(o, "light"),
-                           .channel = integer(o, "channel"),
-                           .n_leds = integer(o, "n_leds") };
+    struct shown shown = {.camera = (uint32_t)integer(o, "camera"),
+                          .camera_ns = (uint64_t)integer(o, "camera_ns"),
+                          .exposure_us = json_number_value(json_object_get(o, "exposure_us")),
+                          .light = integer(o, "light"),
+                          .channel = integer(o, "channel"),
+                          .n_leds = integer(o, "n_leds")};
     snprintf(shown.kind, sizeof shown.kind, "%s", kind ? kind : "");
     json_decref(o);
     if (!kind)
@@ -94,7 +94,7 @@ static enum ls_err read_log(const char *log, struct shown_list *list, struct ls_
 
 static const struct shown *find(const struct shown_list *list, const struct ls_ticket *t)
 {
-    const struct shown key = { .camera = t->camera, .camera_ns = t->camera_ns };
+    const struct shown key = {.camera = t->camera, .camera_ns = t->camera_ns};
     return list->n ? bsearch(&key, list->item, list->n, sizeof key, by_time) : NULL;
 }
 
@@ -102,8 +102,7 @@ static int64_t channel_index(const json_t *rig, const char *name)
 {
     const json_t *channels = json_object_get(rig, "channels");
     for (size_t i = 0; name && i < json_array_size(channels); i++) {
-        const char *other =
-            json_string_value(json_object_get(json_array_get(channels, i), "name"));
+        const char *other = json_string_value(json_object_get(json_array_get(channels, i), "name"));
         if (other && !strcmp(name, other))
             return (int64_t)i;
     }
@@ -117,7 +116,7 @@ static struct planned read_condition(const json_t *c, const json_t *rig)
     const char *id = json_string_value(json_object_get(c, "id"));
     const char *channel = json_string_value(json_object_get(c, "channel"));
     int64_t row = integer(c, "light");
-    struct planned out = { .channel = channel_index(rig, channel), .n_leds = -1 };
+    struct planned out = {.channel = channel_index(rig, channel), .n_leds = -1};
     snprintf(out.kind, sizeof out.kind, "%s", kind ? kind : "");
     snprintf(out.id, sizeof out.id, "%s", id ? id : "");
     out.light = row >= 0 ? json_integer_value(json_array_get(address, (size_t)row)) : -1;
@@ -154,8 +153,8 @@ static bool wrong(const struct planned *p, const struct ls_ticket *t, const stru
                   char *why, size_t room)
 {
     if (!shown)
-        snprintf(why, room, "shot %u (%s): no frame was exposed at camera time %llu", t->shot, p->id,
-                 (unsigned long long)t->camera_ns);
+        snprintf(why, room, "shot %u (%s): no frame was exposed at camera time %llu", t->shot,
+                 p->id, (unsigned long long)t->camera_ns);
     else if (lit_otherwise(p, shown))
         snprintf(why, room, "shot %u (%s): lit by %s light %lld channel %lld, %lld LEDs", t->shot,
                  p->id, shown->kind, (long long)shown->light, (long long)shown->channel,
@@ -171,11 +170,11 @@ static bool wrong(const struct planned *p, const struct ls_ticket *t, const stru
 enum ls_err judge_check_labels(const struct ls_takedir *take, const char *log,
                                struct judge_labels *out, struct ls_diag *diag)
 {
-    struct shown_list list = { 0 };
+    struct shown_list list = {0};
     uint32_t n = 0;
     struct planned *plan = read_plan(take->take_json, &n, diag);
     enum ls_err err = plan ? read_log(log, &list, diag) : LS_ERR_INVALID;
-    *out = (struct judge_labels){ 0 };
+    *out = (struct judge_labels){0};
     for (size_t i = 0; i < take->n_tickets && !err; i++) {
         const struct ls_ticket *t = &take->tickets[i];
         char why[256];

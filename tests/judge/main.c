@@ -37,7 +37,8 @@ static const char usage[] =
     "  --relit EXR         picture relit with that environment, camera RGB\n"
     "  --tristimulus EXR   the same by the baseline\n"
     "  --sheet PNG         write a contact sheet\n"
-    "  --model MODEL       of the field: sphere (default), headlight, separated, linear, measured\n";
+    "  --model MODEL       of the field: sphere (default), headlight, separated, linear, "
+    "measured\n";
 
 struct options {
     const char *simulator, *take, *log, *environment, *relit, *tristimulus, *sheet, *model;
@@ -58,13 +59,17 @@ struct bench {
 static struct options parse_options(int argc, char **argv)
 {
     static const struct option longs[] = {
-        { "simulator", required_argument, NULL, 's' }, { "take", required_argument, NULL, 't' },
-        { "log", required_argument, NULL, 'l' },       { "environment", required_argument, NULL, 'e' },
-        { "relit", required_argument, NULL, 'r' },     { "tristimulus", required_argument, NULL, 'b' },
-        { "sheet", required_argument, NULL, 'p' },     { "model", required_argument, NULL, 'm' },
-        { 0 },
+        {"simulator", required_argument, NULL, 's'},
+        {"take", required_argument, NULL, 't'},
+        {"log", required_argument, NULL, 'l'},
+        {"environment", required_argument, NULL, 'e'},
+        {"relit", required_argument, NULL, 'r'},
+        {"tristimulus", required_argument, NULL, 'b'},
+        {"sheet", required_argument, NULL, 'p'},
+        {"model", required_argument, NULL, 'm'},
+        {0},
     };
-    struct options o = { .model = "sphere" };
+    struct options o = {.model = "sphere"};
     for (int c; (c = getopt_long(argc, argv, "", longs, NULL)) != -1;) {
         const char **target = c == 's'   ? &o.simulator
                               : c == 't' ? &o.take
@@ -228,8 +233,8 @@ static enum ls_err judge_pictures(struct bench *b, struct ls_diag *diag)
     if (!err && b->o.relit)
         err = judge_as_the_paper(b, diag);
     if (!err && b->o.tristimulus)
-        err = judge_picture(b, b->o.tristimulus, &b->tristimulus, "tristimulus_error_percent",
-                            diag);
+        err =
+            judge_picture(b, b->o.tristimulus, &b->tristimulus, "tristimulus_error_percent", diag);
     return err;
 }
 
@@ -269,7 +274,7 @@ static enum ls_err write_sheet(struct bench *b, struct ls_diag *diag)
 {
     const struct ls_calibration *c = b->judge.source->facts->calibration;
     const double *m = c->has_m ? &c->m[0][0] : NULL;
-    struct ls_image sheet = { 0 }, ours = { 0 }, theirs = { 0 };
+    struct ls_image sheet = {0}, ours = {0}, theirs = {0};
     struct judge_thumb thumbs[MAX_THUMBS];
     uint32_t n = 0;
     double gain = exposure_gain(&b->truth);
@@ -277,14 +282,14 @@ static enum ls_err write_sheet(struct bench *b, struct ls_diag *diag)
     if (!err)
         err = difference(&b->tristimulus, &b->truth, &theirs, diag);
     if (!err) {
-        thumbs[n++] = (struct judge_thumb){ &b->truth, m, gain };
-        thumbs[n++] = (struct judge_thumb){ &b->relit, m, gain };
-        thumbs[n++] = (struct judge_thumb){ &b->tristimulus, m, gain };
-        thumbs[n++] = (struct judge_thumb){ &ours, NULL, gain };
+        thumbs[n++] = (struct judge_thumb){&b->truth, m, gain};
+        thumbs[n++] = (struct judge_thumb){&b->relit, m, gain};
+        thumbs[n++] = (struct judge_thumb){&b->tristimulus, m, gain};
+        thumbs[n++] = (struct judge_thumb){&ours, NULL, gain};
         for (uint32_t s = 0; s < b->judge.source->field.n_spectra && n + 2 < MAX_THUMBS; s++)
-            thumbs[n++] = (struct judge_thumb){ &b->sphere[s], m, exposure_gain(&b->sphere[s]) };
-        thumbs[n++] = (struct judge_thumb){ &b->light, m, exposure_gain(&b->light) };
-        thumbs[n++] = (struct judge_thumb){ &theirs, NULL, gain };
+            thumbs[n++] = (struct judge_thumb){&b->sphere[s], m, exposure_gain(&b->sphere[s])};
+        thumbs[n++] = (struct judge_thumb){&b->light, m, exposure_gain(&b->light)};
+        thumbs[n++] = (struct judge_thumb){&theirs, NULL, gain};
         err = judge_contact_sheet(thumbs, n, SHEET_COLUMNS, SHEET_SIDE_PX, &sheet, diag);
     }
     uint8_t *bytes = NULL;
@@ -344,13 +349,14 @@ static void finish(struct bench *b)
 
 int main(int argc, char **argv)
 {
-    struct bench b = { .o = parse_options(argc, argv), .result = json_object() };
-    struct ls_diag diag = { 0 };
+    struct bench b = {.o = parse_options(argc, argv), .result = json_object()};
+    struct ls_diag diag = {0};
     enum ls_err err = judge_all(&b, &diag);
     if (err)
         fprintf(stderr, "lightstage-judge: %s\n", diag.text);
     else
-        err = json_dumpf(b.result, stdout, JSON_INDENT(1)) || putchar('\n') == EOF ? LS_ERR_OS : LS_OK;
+        err = json_dumpf(b.result, stdout, JSON_INDENT(1)) || putchar('\n') == EOF ? LS_ERR_OS
+                                                                                   : LS_OK;
     finish(&b);
     return err ? EXIT_FAILURE : EXIT_SUCCESS;
 }
