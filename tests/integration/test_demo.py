@@ -9,7 +9,6 @@ import harness
 KEYS = ["lights", "channels", "width", "height", "shots_planned", "shots_stored", "shots_lost",
         "shots_repaired", "frames_mislabeled", "take_seconds", "frames_per_second", "calibration",
         "model",
-        "model",
         "promotion_error_percent", "promotion_error_by_channel", "olat_mae_percent",
         "field_rms_percent", "interreflection_rms_percent", "highlight_rms_percent",
         "relight_error_percent", "tristimulus_error_percent", "paper_mse_chart_percent",
