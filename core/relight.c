@@ -1,6 +1,7 @@
 #include "core/relight.h"
 
 #include "core/accumulate_kernels.h"
+#include "core/left_out.h"
 
 #include <math.h>
 #include <stdbool.h>
@@ -26,13 +27,7 @@ struct pass {
     const void **halfs; /* [n_pictures], of the tile at hand */
     const float **w;    /* [n_pictures], of the same pictures */
     struct ls_accumulate_report *report;
-    /* for max_error: pictures by rising bound, what is left out of each sum, who is left out */
-    struct bound {
-        double most;
-        uint32_t picture;
-    } * order;
-    double *left_out; /* [n_sums] */
-    bool *skip;       /* [n_pictures] */
+    struct ls_left_out *left_out; /* NULL without max_error */
 };
 
 /** A tile: its place in the picture's tiles and in the region's pixels. */
@@ -74,60 +69,25 @@ static void run_chunk(const struct pass *pass, uint32_t n, uint32_t first, uint3
     }
 }
 
-static int by_bound(const void *a, const void *b)
-{
-    const struct bound *x = a, *y = b;
-    if (x->most != y->most)
-        return x->most < y->most ? -1 : 1;
-    return x->picture < y->picture ? -1 : x->picture > y->picture;
-}
-
-static double bound_of(const struct pass *pass, const struct tile *tile, uint32_t q,
-                       uint32_t picture)
-{
-    double most = (double)pass->job->tile_max[tile->index * pass->job->n_pictures + picture];
-    return fabs((double)weight(pass->job, q, picture)) * fabs(most);
-}
-
-static bool try_leave_out(struct pass *pass, const struct tile *tile, uint32_t picture)
-{
-    uint32_t n_sums = pass->job->n_sums;
-    for (uint32_t q = 0; q < n_sums; q++)
-        if (!(pass->left_out[q] + bound_of(pass, tile, q, picture) <= pass->job->max_error))
-            return false;
-    for (uint32_t q = 0; q < n_sums; q++) {
-        pass->left_out[q] += bound_of(pass, tile, q, picture);
-        pass->report->bound = fmax(pass->report->bound, pass->left_out[q]);
-    }
-    return true;
-}
-
-static void choose_skips(struct pass *pass, const struct tile *tile)
+static void choose_skips(const struct pass *pass, const struct tile *tile)
 {
     const struct ls_accumulate_job *job = pass->job;
-    memset(pass->left_out, 0, sizeof *pass->left_out * job->n_sums);
-    for (uint32_t i = 0; i < job->n_pictures; i++) {
-        pass->order[i] = (struct bound){0, i};
-        for (uint32_t q = 0; q < job->n_sums; q++)
-            pass->order[i].most = fmax(pass->order[i].most, bound_of(pass, tile, q, i));
-    }
-    qsort(pass->order, job->n_pictures, sizeof *pass->order, by_bound);
-    for (uint32_t i = 0; i < job->n_pictures; i++) {
-        uint32_t picture = pass->order[i].picture;
-        pass->skip[picture] = try_leave_out(pass, tile, picture);
-    }
+    for (uint32_t i = 0; i < job->n_pictures; i++)
+        pass->left_out->reach[i] = fabs((double)job->tile_max[tile->index * job->n_pictures + i]);
+    ls_left_out_choose(pass->left_out, job->max_error);
+    pass->report->bound = pass->left_out->bound;
 }
 
 /* Which pictures count in this tile; how many. */
 static uint32_t list_pictures(struct pass *pass, const struct tile *tile)
 {
     uint32_t n = 0;
-    if (pass->skip)
+    if (pass->left_out)
         choose_skips(pass, tile);
     for (uint32_t u = 0; u < pass->n_used; u++) {
         uint32_t i = pass->used[u];
         const void *halfs = pass->job->pictures[i].tiles[tile->index];
-        if (!halfs || (pass->skip && pass->skip[i]))
+        if (!halfs || (pass->left_out && pass->left_out->skip[i]))
             continue;
         pass->halfs[n] = halfs;
         pass->w[n++] = pass->weights + (size_t)i * pass->job->n_sums;
@@ -196,15 +156,13 @@ static enum ls_err check(const struct ls_field *field, const struct ls_accumulat
 
 static enum ls_err run_with_skips(struct pass *pass, struct ls_diag *diag)
 {
-    LS_CLEANUP_FREE struct bound *order = calloc(pass->job->n_pictures + 1u, sizeof *order);
-    LS_CLEANUP_FREE double *left_out = calloc(pass->job->n_sums, sizeof *left_out);
-    LS_CLEANUP_FREE bool *skip = calloc(pass->job->n_pictures + 1u, sizeof *skip);
-    if (!order || !left_out || !skip)
+    const struct ls_accumulate_job *job = pass->job;
+    struct ls_left_out left_out;
+    if (ls_left_out_init(&left_out, job->weights, job->n_pictures, job->n_sums))
         return ls_fail(diag, LS_ERR_NOMEM, "relight: out of memory");
-    pass->order = order;
-    pass->left_out = left_out;
-    pass->skip = skip;
+    pass->left_out = &left_out;
     run_tiles(pass);
+    ls_left_out_finish(&left_out);
     return LS_OK;
 }
 

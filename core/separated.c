@@ -1,6 +1,7 @@
 #include "core/separated.h"
 
 #include "core/half.h"
+#include "core/left_out.h"
 #include "core/separated_kernels.h"
 
 #include <math.h>
@@ -35,15 +36,18 @@ struct pass {
     const struct ls_separated_job *job;
     const struct ls_separated_field *field;
     const struct ls_separated_kernels *kernels;
-    float *out[3]; /* diffuse, specular, conductor */
-    uint32_t *used, n_used;
-    uint32_t tiles_x;
+    float *out[3];                /* diffuse, specular, conductor */
+    uint32_t *shining, n_shining; /* lights with a weight */
+    uint32_t *used, n_used;       /* of those, what the tile at hand takes */
+    struct ls_left_out *left_out; /* NULL without max_error */
+    uint32_t tiles_x, tiles_y;
     struct group *group;
     float *diffuse, *specular; /* [n_rows][WINDOW_PX], of a strip */
     float *conductor;          /* [n_rows][3][STRIP_PX] */
     float *rgb;                /* [STRIP_PX][n_channels] */
     float sigma_scale;         /* 1 over the smallest of p(w,.) */
     uint64_t not_finite;
+    struct ls_separated_report *report; /* or NULL */
 };
 
 /* A part of the region, and what of the picture its demosaic reads. */
@@ -297,6 +301,43 @@ static enum ls_err run_strip(struct pass *pass, const struct strip *strip)
     return err;
 }
 
+/* ---- which lights ---- */
+
+/* The largest stored value of a light around a tile. */
+static double largest(const struct pass *pass, const float *max, uint32_t light, uint32_t tx,
+                      uint32_t ty)
+{
+    double most = 0;
+    for (uint32_t y = ty ? ty - 1 : 0; y <= ty + 1 && y < pass->tiles_y; y++)
+        for (uint32_t x = tx ? tx - 1 : 0; x <= tx + 1 && x < pass->tiles_x; x++) {
+            size_t tile = (size_t)y * pass->tiles_x + x;
+            most = fmax(most, fabs((double)max[tile * pass->field->n_lights + light]));
+        }
+    return most;
+}
+
+static double reach(const struct pass *pass, uint32_t light, uint32_t tx, uint32_t ty)
+{
+    const struct ls_separated_field *f = pass->field;
+    const struct ls_split *c = &f->split[light];
+    double v = fabs((double)c->d_v) + fabs((double)c->s_v);
+    double h = fabs((double)c->d_h) + fabs((double)c->s_h);
+    return v * largest(pass, f->v_max, light, tx, ty) + h * largest(pass, f->h_max, light, tx, ty);
+}
+
+static void choose_lights(struct pass *pass, uint32_t tx, uint32_t ty)
+{
+    struct ls_left_out *left_out = pass->left_out;
+    for (uint32_t i = 0; left_out && i < pass->field->n_lights; i++)
+        left_out->reach[i] = reach(pass, i, tx, ty);
+    if (left_out)
+        ls_left_out_choose(left_out, pass->job->max_error);
+    pass->n_used = 0;
+    for (uint32_t k = 0; k < pass->n_shining; k++)
+        if (!left_out || !left_out->skip[pass->shining[k]])
+            pass->used[pass->n_used++] = pass->shining[k];
+}
+
 static uint32_t next(uint32_t at, uint32_t end, uint32_t step)
 {
     uint32_t multiple = (at / step + 1) * step;
@@ -314,6 +355,7 @@ static enum ls_err run_strips(struct pass *pass)
             struct strip strip = {.at = {x, y, x1 - x, y1 - y}};
             strip.window =
                 f->n_channels == 3 ? ls_demosaic_needs(strip.at, f->width, f->height) : strip.at;
+            choose_lights(pass, x / LS_TILE_SIDE, y / LS_TILE_SIDE);
             enum ls_err err = run_strip(pass, &strip);
             if (err)
                 return err;
@@ -339,6 +381,11 @@ static enum ls_err check(const struct ls_separated_job *job, struct ls_diag *dia
     if (job->n_rows < 1 || job->n_rows > LS_SEPARATED_MAX_ROWS)
         return ls_fail(diag, LS_ERR_INVALID, "separated: %u rows of weights: expected 1..%d",
                        job->n_rows, LS_SEPARATED_MAX_ROWS);
+    if (!(job->max_error >= 0) || (job->max_error > 0 && (!f->v_max || !f->h_max)))
+        return ls_fail(diag, LS_ERR_INVALID,
+                       "separated: an error of %g is asked for: expected a number >= 0, and the "
+                       "maxima of the tiles",
+                       job->max_error);
     for (uint32_t q = 0; q < job->n_rows; q++)
         for (uint32_t i = 0; i < f->n_lights; i++)
             if (!isfinite(weight(job, q, i)))
@@ -348,18 +395,18 @@ static enum ls_err check(const struct ls_separated_job *job, struct ls_diag *dia
     return LS_OK;
 }
 
-static void choose_lights(struct pass *pass)
+static void list_shining(struct pass *pass)
 {
     for (uint32_t i = 0; i < pass->field->n_lights; i++) {
-        bool used = false;
+        bool shines = false;
         for (uint32_t q = 0; q < pass->job->n_rows; q++)
-            used |= weight(pass->job, q, i) != 0;
-        if (used)
-            pass->used[pass->n_used++] = i;
+            shines |= weight(pass->job, q, i) != 0;
+        if (shines)
+            pass->shining[pass->n_shining++] = i;
     }
 }
 
-static void count_tiles(const struct pass *pass, struct ls_separated_report *report)
+static void count_tiles(struct pass *pass, struct ls_separated_report *report)
 {
     const struct ls_demosaic_region *r = &pass->job->region;
     uint32_t x1 = (r->x + r->width - 1) / LS_TILE_SIDE, y1 = (r->y + r->height - 1) / LS_TILE_SIDE;
@@ -367,12 +414,38 @@ static void count_tiles(const struct pass *pass, struct ls_separated_report *rep
         for (uint32_t tx = r->x / LS_TILE_SIDE; tx <= x1; tx++) {
             size_t tile = (size_t)ty * pass->tiles_x + tx;
             uint64_t read = 0;
+            choose_lights(pass, tx, ty);
             for (uint32_t k = 0; k < pass->n_used; k++)
                 read += pass->field->v[pass->used[k]].tiles[tile] ||
                         pass->field->h[pass->used[k]].tiles[tile];
             report->tiles_read += read;
             report->tiles_skipped += pass->field->n_lights - read;
         }
+}
+
+static void make_report(struct pass *pass, struct ls_separated_report *report)
+{
+    *report = (struct ls_separated_report){.not_finite = pass->not_finite,
+                                           .bound = pass->left_out ? pass->left_out->bound : 0};
+    count_tiles(pass, report);
+}
+
+static enum ls_err run(struct pass *pass, struct ls_diag *diag)
+{
+    const struct ls_separated_job *job = pass->job;
+    struct ls_left_out left_out = {0};
+    if (job->max_error > 0) {
+        if (ls_left_out_init(&left_out, job->weights, pass->field->n_lights, job->n_rows))
+            return ls_fail(diag, LS_ERR_NOMEM, "separated: out of memory");
+        pass->left_out = &left_out;
+    }
+    enum ls_err err = run_strips(pass);
+    if (err)
+        err = ls_fail(diag, err, "separated: a strip cannot be demosaiced");
+    else if (pass->report)
+        make_report(pass, pass->report);
+    ls_left_out_finish(&left_out);
+    return err;
 }
 
 enum ls_err ls_separated_accumulate_with(const struct ls_separated_kernels *kernels,
@@ -385,34 +458,30 @@ enum ls_err ls_separated_accumulate_with(const struct ls_separated_kernels *kern
         return err;
     const struct ls_separated_field *f = job->field;
     size_t rows = job->n_rows;
-    LS_CLEANUP_FREE uint32_t *used = calloc(f->n_lights + 1u, sizeof *used);
+    LS_CLEANUP_FREE uint32_t *lights = calloc(2 * f->n_lights + 1u, sizeof *lights);
     LS_CLEANUP_FREE struct group *group = calloc(1, sizeof *group);
     LS_CLEANUP_FREE float *sums = calloc(rows * (2 * WINDOW_PX + 3 * STRIP_PX), sizeof *sums);
-    if (!used || !group || !sums)
+    if (!lights || !group || !sums)
         return ls_fail(diag, LS_ERR_NOMEM, "separated: out of memory");
     struct pass pass = {.job = job,
                         .field = f,
                         .kernels = kernels,
                         .out = {diffuse, specular, conductor},
-                        .used = used,
+                        .report = report,
+                        .shining = lights,
+                        .used = lights + f->n_lights,
                         .tiles_x = (f->width + LS_TILE_SIDE - 1) / LS_TILE_SIDE,
+                        .tiles_y = (f->height + LS_TILE_SIDE - 1) / LS_TILE_SIDE,
                         .group = group,
                         .diffuse = sums,
                         .specular = sums + rows * WINDOW_PX,
                         .conductor = sums + 2 * rows * WINDOW_PX};
-    choose_lights(&pass);
+    list_shining(&pass);
     for (int c = 0; f->n_channels == 3 && c < 3; c++)
         pass.sigma_scale = fmaxf(pass.sigma_scale, f->conductor.scale[c]);
     if (conductor && f->n_channels == 1)
         memset(conductor, 0, sizeof *conductor * rows * job->region.width * job->region.height);
-    err = run_strips(&pass);
-    if (err)
-        return ls_fail(diag, err, "separated: a strip cannot be demosaiced");
-    if (report) {
-        *report = (struct ls_separated_report){.not_finite = pass.not_finite};
-        count_tiles(&pass, report);
-    }
-    return LS_OK;
+    return run(&pass, diag);
 }
 
 enum ls_err ls_separated_accumulate(const struct ls_separated_job *job, float *diffuse,

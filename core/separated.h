@@ -36,6 +36,8 @@ struct ls_separated_field {
     const struct ls_split *split;   /* [n_lights], which holds the gains */
     struct ls_field_noise noise;    /* of a stored value of V or H */
     struct ls_conductor conductor;  /* Bayer only */
+    const float *v_max,
+        *h_max; /* [tiles_y * tiles_x][n_lights], max |value| of the tile; or NULL */
 };
 
 enum { LS_SEPARATED_MAX_ROWS = 256 };
@@ -48,9 +50,12 @@ struct ls_separated_job {
     const float *weights; /* [n_rows][n_lights] */
     struct ls_demosaic_region region;
     enum ls_demosaic_method method;
+    double max_error; /* per row and pixel, in units of D and S: what of |D| + |S| may be left out
+                         of the mosaic; 0 = none. Needs v_max and h_max */
 };
 
 struct ls_separated_report {
+    double bound;        /* largest sum of |w| (|D| + |S|) left out, over rows and tiles */
     uint64_t tiles_read; /* (light, tile) pairs of which V and H were read */
     uint64_t tiles_skipped;
     uint64_t not_finite; /* stored Inf or NaN met, each counted as 0; those near a border of
@@ -63,10 +68,16 @@ struct ls_separated_report {
  * is not read. The noise of the gate is that of the samples of V and H in the 2 x 2 cell right of
  * and below the pixel, every colour once, the largest.
  *
+ * With max_error, lights are left out of a tile, D, S and share together, by core/left_out.h. A
+ * light reaches (|d_v| + |s_v|) max |E_V| + (|d_h| + |s_h|) max |E_H|, maxima over the tile and, as
+ * demosaicing looks beyond it, the eight around it: a share lies in [0, 1], so nothing of what is
+ * made of D + share S and of S - share S is larger. Demosaicing makes at most 2.5 times the bound
+ * of it (core/demosaic_lanes.h). A part of a picture is left out where the whole's is.
+ *
  * Accuracy: as ls_accumulate, (n/8 + 12) 2^-24 sum |w| (|s_v E_V| + |s_h E_H|) for S, likewise for
- * D; groups of 8 lights in ascending order, in float; the same bits for any kernels. Memory: below
- * 1 MiB + 48 KiB per row, on the heap. Errors: LS_ERR_INVALID (region, n_rows, n_channels, a weight
- * that is not finite), LS_ERR_NOMEM.
+ * D; groups of 8 lights in ascending order, in float; the same bits for any kernels; besides that
+ * the bound. Memory: below 1 MiB + 48 KiB per row, on the heap. Errors: LS_ERR_INVALID (region,
+ * n_rows, n_channels, a weight that is not finite, max_error without maxima), LS_ERR_NOMEM.
  */
 LS_MUST_CHECK enum ls_err ls_separated_accumulate(const struct ls_separated_job *job,
                                                   float *diffuse, float *specular, float *conductor,

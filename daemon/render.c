@@ -181,8 +181,7 @@ static double amplification(const struct ls_render *render)
             double sums = 0;
             for (uint32_t k = 0; k < render->n_parts; k++) {
                 const struct ls_render_part *part = &render->parts[k];
-                if (part->picture == picture && (part->target < 0 || part->target == c) &&
-                    part->way.kind != LS_WAY_SEPARATED)
+                if (part->picture == picture && (part->target < 0 || part->target == c))
                     sums += part->n_sums;
             }
             most = fmax(most, sums);
@@ -214,6 +213,7 @@ static void start_streams(struct ls_render *render, double max_error)
 {
     const struct ls_field *field = &render->source->field;
     render->error_scale = field->scale * amplification(render);
+    render->sum_error = max_error / render->error_scale;
     for (uint32_t k = 0; k < render->n_streams; k++) {
         struct ls_render_stream *stream = &render->streams[k];
         struct ls_accumulate_job job = {.pictures = stream->set->pictures,
@@ -222,7 +222,7 @@ static void start_streams(struct ls_render *render, double max_error)
                                         .weights = stream->weights};
         if (max_error > 0) {
             job.tile_max = stream->set->tile_max;
-            job.max_error = max_error / render->error_scale;
+            job.max_error = render->sum_error;
         }
         ls_row_sums_init(&stream->sums, field, &job, &render->region, LS_DEMOSAIC_HALO);
     }
@@ -300,7 +300,9 @@ static void report_spectra(const struct ls_render *render, struct ls_render_repo
 void ls_render_report(const struct ls_render *render, struct ls_render_report *out)
 {
     *out = (struct ls_render_report){.lights_used = render->lights_used,
-                                     .tiles_skipped = render->separated_report.tiles_skipped};
+                                     .tiles_skipped = render->separated_report.tiles_skipped,
+                                     .error_bound =
+                                         render->separated_report.bound * render->error_scale};
     for (uint32_t k = 0; k < render->n_streams; k++) {
         const struct ls_accumulate_report *report = &render->streams[k].sums.report;
         out->tiles_skipped += report->tiles_skipped;

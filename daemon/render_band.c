@@ -2,6 +2,7 @@
 
 #include "core/linear.h"
 
+#include <math.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -214,12 +215,14 @@ static enum ls_err accumulate_separated(struct ls_render *render, struct ls_demo
                                          .n_rows = render->n_separated,
                                          .weights = render->separated,
                                          .region = band,
-                                         .method = LS_DEMOSAIC_GRADIENT};
-    struct ls_separated_report report;
+                                         .method = LS_DEMOSAIC_GRADIENT,
+                                         .max_error = render->sum_error};
+    struct ls_separated_report report = {0}, *total = &render->separated_report;
     enum ls_err err = ls_separated_accumulate(&job, sums->diffuse, sums->specular, sums->conductor,
                                               &report, diag);
-    render->separated_report.tiles_read += err ? 0 : report.tiles_read;
-    render->separated_report.tiles_skipped += err ? 0 : report.tiles_skipped;
+    total->bound = fmax(total->bound, report.bound);
+    total->tiles_read += report.tiles_read;
+    total->tiles_skipped += report.tiles_skipped;
     return err;
 }
 

@@ -39,6 +39,7 @@ struct ls_render {
     uint32_t n_pictures, next_y, lights_used;
     bool mosaic;
     double error_scale; /* error of one sum, stored, to that of a picture */
+    double sum_error;   /* what may be left out of one sum, stored */
 
     struct ls_render_stream streams[LS_MAX_CHANNELS + 1]; /* white, and each channel */
     uint32_t n_streams;

@@ -103,7 +103,9 @@ enum ls_err ls_separation_init(struct ls_separation *separation,
                                     .v = set_of(source, source->vertical)->pictures,
                                     .h = set_of(source, source->horizontal)->pictures,
                                     .split = separation->split,
-                                    .noise = field->noise};
+                                    .noise = field->noise,
+                                    .v_max = set_of(source, source->vertical)->tile_max,
+                                    .h_max = set_of(source, source->horizontal)->tile_max};
     return field->n_channels == 3 ? ls_conductor_make(separation->white, LS_CONDUCTOR_THRESHOLD,
                                                       plain, &separation->field.conductor, diag)
                                   : LS_OK;

@@ -23,6 +23,8 @@ struct fixture {
     float weights[ROWS][LIGHTS];
     double *plain[KINDS]; /* [light][pixel] as floats of the halves, not finite as 0 */
     uint32_t hostile;     /* samples that are not finite */
+    float *max[KINDS];    /* [tile][light], once found */
+    double max_error;     /* of the sums that run makes */
 };
 
 static const double white[3] = {0.8, 1, 0.6};
@@ -103,8 +105,10 @@ static void fixture_finish(struct fixture *f)
 {
     g_free(f->bytes);
     g_free(f->tiles);
-    for (uint32_t kind = 0; kind < KINDS; kind++)
+    for (uint32_t kind = 0; kind < KINDS; kind++) {
         g_free(f->plain[kind]);
+        g_free(f->max[kind]);
+    }
 }
 
 struct sums {
@@ -131,8 +135,11 @@ static void sums_free(struct sums *s)
 static struct sums run(const struct fixture *f, enum ls_isa isa, struct ls_demosaic_region r,
                        struct ls_separated_report *report)
 {
-    struct ls_separated_job job = {
-        .field = &f->field, .n_rows = ROWS, .weights = f->weights[0], .region = r};
+    struct ls_separated_job job = {.field = &f->field,
+                                   .n_rows = ROWS,
+                                   .weights = f->weights[0],
+                                   .region = r,
+                                   .max_error = f->max_error};
     struct sums out = sums_new(f, r);
     g_assert_cmpint(ls_separated_accumulate_with(ls_separated_kernels(isa), &job, out.d, out.s,
                                                  out.c, report, NULL),
@@ -393,6 +400,73 @@ static void test_blend_is_per_light(void)
     fixture_finish(&f);
 }
 
+/* Maxima of the tiles; those of light 8 that are left of a border of tiles are taken away first, so
+ * that it reaches them over the border alone. */
+static void find_maxima(struct fixture *f)
+{
+    uint32_t width = f->field.width;
+    size_t n_px = (size_t)width * f->field.height;
+    for (uint32_t kind = 0; kind < KINDS; kind++) {
+        f->max[kind] = g_new0(float, (size_t)f->n_tiles *LIGHTS);
+        for (uint32_t t = 0; t < f->n_tiles; t += f->tiles_x)
+            f->tiles[(size_t)(kind * LIGHTS + 8) * f->n_tiles + t] = NULL;
+        for (size_t k = 0; k < LIGHTS * n_px; k++) {
+            size_t light = k / n_px, x = k % n_px % width, y = k % n_px / width;
+            size_t tile = y / LS_TILE_SIDE * f->tiles_x + x / LS_TILE_SIDE;
+            float *max = &f->max[kind][tile * LIGHTS + light];
+            if (f->tiles[(kind * LIGHTS + light) * f->n_tiles + tile])
+                *max = fmaxf(*max, fabsf((float)f->plain[kind][k]));
+        }
+    }
+    f->field.v_max = f->max[0];
+    f->field.h_max = f->max[1];
+}
+
+/* The largest change of what a ratio, and of what a tint, would multiply. */
+static double largest_change(const struct sums *a, const struct sums *b)
+{
+    double most = 0;
+    for (size_t k = 0; k < a->n; k++) {
+        double material = (double)(a->d[k] + a->c[k]) - (double)(b->d[k] + b->c[k]);
+        double light = (double)(a->s[k] - a->c[k]) - (double)(b->s[k] - b->c[k]);
+        most = fmax(most, fmax(fabs(material), fabs(light)));
+    }
+    return most;
+}
+
+static void test_skips_stay_under_their_bound(void)
+{
+    const struct ls_demosaic_region all = {0, 0, 150, 137};
+    static const double errors[] = {1e-3, 0.3, 10, 30};
+    struct fixture f;
+    uint64_t skipped = 0;
+    fixture_init(&f, 150, 137, LS_CFA_RGGB, false, 700);
+    find_maxima(&f);
+    for (uint32_t q = 0; q < ROWS; q++)
+        f.weights[q][8] = 1e-2f; /* the dimmest, so the first to go */
+    struct ls_separated_report report;
+    struct sums exact = run(&f, ls_cpu_isa(), all, NULL);
+    for (size_t e = 0; e < G_N_ELEMENTS(errors); e++) {
+        f.max_error = errors[e];
+        struct sums some = run(&f, ls_cpu_isa(), all, &report);
+        double change = largest_change(&some, &exact);
+        g_test_message("%g: %u of %u tiles skipped, bound %.3g, changed by %.3g", errors[e],
+                       (unsigned)report.tiles_skipped, (unsigned)f.n_tiles * LIGHTS, report.bound,
+                       change);
+        g_assert_cmpfloat(report.bound, <=, errors[e]);
+        /* sums of 19 lights of about 2 each in float: 1e-5 */
+        g_assert_cmpfloat(change, <=, 2.5 * report.bound + 1e-5);
+        g_assert_true(report.tiles_skipped > skipped || errors[e] < 0.01);
+        skipped = report.tiles_skipped;
+        check_part(&f, &some, (struct ls_demosaic_region){37, 11, 80, 100});
+        check_part(&f, &some, (struct ls_demosaic_region){0, 96, 65, 41});
+        sums_free(&some);
+    }
+    g_assert_cmpfloat(report.bound, >, 0);
+    sums_free(&exact);
+    fixture_finish(&f);
+}
+
 static void test_refusals(void)
 {
     struct fixture f;
@@ -400,12 +474,14 @@ static void test_refusals(void)
     struct ls_separated_job job = {
         .field = &f.field, .n_rows = ROWS, .weights = f.weights[0], .region = {0, 0, 32, 32}};
     float *out = g_new(float, ROWS * 32 * 32 * 3);
-    struct ls_separated_job bad[4] = {job, job, job, job};
+    struct ls_separated_job bad[6] = {job, job, job, job, job, job};
     bad[0].region.x = 1;
     bad[1].region.height = 0;
     bad[2].n_rows = LS_SEPARATED_MAX_ROWS + 1;
     bad[3].n_rows = 0;
-    for (int k = 0; k < 4; k++)
+    bad[4].max_error = 1; /* without the maxima of the tiles */
+    bad[5].max_error = NAN;
+    for (int k = 0; k < 6; k++)
         g_assert_cmpint(ls_separated_accumulate(&bad[k], out, NULL, NULL, NULL, NULL), ==,
                         LS_ERR_INVALID);
     f.weights[2][3] = NAN;
@@ -442,6 +518,7 @@ int main(int argc, char **argv)
     isas_add("/separated/reads-nothing-beside-its-tiles", test_guards);
     g_test_add_func("/separated/not-finite-counts-as-zero-and-is-reported", test_not_finite);
     g_test_add_func("/separated/parts-are-bit-identical-to-the-whole", test_parts);
+    g_test_add_func("/separated/skips-stay-under-their-bound", test_skips_stay_under_their_bound);
     g_test_add_func("/separated/blend-is-per-light-not-of-the-sum", test_blend_is_per_light);
     g_test_add_func("/separated/nonsense-is-refused", test_refusals);
     g_test_add_func("/separated/finish-adds-its-three-parts", test_finish);
