@@ -67,10 +67,20 @@ LANES_INLINE floats lanes_keep(ints mask, floats a)
     return (floats)((ints)a & mask);
 }
 
+/* a where the mask is not set, else 0. */
+LANES_INLINE floats lanes_drop(ints mask, floats a)
+{
+    return (floats)((ints)a & ~mask);
+}
+
 /* a where the mask is set, else b. */
 LANES_INLINE floats lanes_select(ints mask, floats a, floats b)
 {
+#if LANES == 8
+    return (floats)_mm256_blendv_ps((__m256)b, (__m256)a, (__m256)mask);
+#else
     return (floats)(((ints)a & mask) | ((ints)b & ~mask));
+#endif
 }
 
 LANES_INLINE floats lanes_magnitude(floats a)

@@ -7,9 +7,7 @@
 
 /* Pixels pass in runs short enough for what has to be unpacked or made up to stay in the
  * first-level cache; the rest of a run that fills no group is merged in a padded one. */
-enum { RUN = 1024, GROUP = LS_MERGE_GROUP, COUNTED = 256 };
-
-#define PADDING 0xff
+enum { RUN = 1024, GROUP = LS_MERGE_GROUP };
 
 static const float no_dark[RUN];
 
@@ -118,32 +116,14 @@ static void merge_pixels(const struct ls_merge_work *w, size_t first, size_t n)
         merge_rest(w, first + whole, n - whole);
 }
 
-static void count(const uint8_t *validity, size_t n, struct ls_merge_stats *stats)
-{
-    uint8_t block[COUNTED];
-
-    for (size_t at = 0; at < n; at += COUNTED) {
-        size_t k = n - at < COUNTED ? n - at : COUNTED;
-        memcpy(block, validity + at, k);
-        memset(block + k, PADDING, COUNTED - k);
-        for (unsigned v = 0; v < 4; v++) {
-            uint32_t sum = 0;
-            for (int p = 0; p < COUNTED; p++)
-                sum += block[p] == v;
-            stats->count[v] += sum;
-        }
-    }
-}
-
 void ls_merge_rows_with(const struct ls_merge_kernels *kernels,
                         const struct ls_merge_params *params, const struct ls_merge_spans *spans,
-                        uint32_t first_row, uint32_t n_rows, struct ls_merge_stats *stats)
+                        uint32_t first_row, uint32_t n_rows)
 {
     struct ls_merge_model model = {0};
     const struct ls_merge_work work = {kernels, &model, params, spans};
     size_t begin = (size_t)first_row * params->width;
     size_t end = begin + (size_t)n_rows * params->width;
-    uint64_t corrected = 0, uncorrectable = 0;
 
     assert(params->n_exposures >= 1 && params->n_exposures <= LS_MERGE_MAX_EXPOSURES);
     assert(first_row <= params->height && n_rows <= params->height - first_row);
@@ -152,26 +132,12 @@ void ls_merge_rows_with(const struct ls_merge_kernels *kernels,
     for (size_t at = begin; at < end; at += RUN)
         merge_pixels(&work, at, end - at < RUN ? end - at : RUN);
     for (size_t k = ls_merge_first_defect(params, begin);
-         k < params->n_defects && params->defects[k] < end; k++) {
-        bool ok = ls_merge_correct(&work, params->defects[k]);
-        corrected += ok;
-        uncorrectable += !ok;
-    }
-    if (!stats)
-        return;
-    count(spans->validity + begin, end - begin, stats);
-    stats->corrected += corrected;
-    stats->uncorrectable += uncorrectable;
+         k < params->n_defects && params->defects[k] < end; k++)
+        ls_merge_correct(&work, params->defects[k]);
 }
 
 void ls_merge_rows(const struct ls_merge_params *params, const struct ls_merge_spans *spans,
-                   uint32_t first_row, uint32_t n_rows, struct ls_merge_stats *stats)
+                   uint32_t first_row, uint32_t n_rows)
 {
-    ls_merge_rows_with(ls_merge_kernels(ls_cpu_isa()), params, spans, first_row, n_rows, stats);
-}
-
-void ls_merge(const struct ls_merge_params *params, const struct ls_merge_spans *spans,
-              struct ls_merge_stats *stats)
-{
-    ls_merge_rows(params, spans, 0, params->height, stats);
+    ls_merge_rows_with(ls_merge_kernels(ls_cpu_isa()), params, spans, first_row, n_rows);
 }

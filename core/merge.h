@@ -28,8 +28,9 @@
  * Defective pixels are replaced after their neighbours are merged and before anything else sees
  * the mosaic: E of the four nearest same-colour pixels that are not defective themselves, of the
  * pair (left-right or up-down) that differs less where both pairs are whole, else their mean; where
- * none of the four is good, the next ring out, up to LS_MERGE_DEFECT_RINGS. Variance follows;
- * validity is the worst of those used (saturated, gap, dark, ok).
+ * none of the four is good, the next ring out, up to LS_MERGE_DEFECT_RINGS; where none is good even
+ * there, the pixel stays as it is. Variance follows; validity is the worst of those used
+ * (saturated, gap, dark, ok).
  *
  * Accuracy: within 4e-6 of the exact weighted mean, relative to sum w'|y| / sum w't (float
  * arithmetic in a fixed order, the same bits from every instruction set; an exposure whose expected
@@ -78,13 +79,6 @@ struct ls_merge_params {
     double reference_exposure_s; /* of the stored halves; 0 where none are asked for */
 };
 
-/** Counts of pixels; add those of several bands. */
-struct ls_merge_stats {
-    uint64_t count[4];      /* by enum ls_validity */
-    uint64_t corrected;     /* defective pixels replaced */
-    uint64_t uncorrectable; /* defective pixels without a good neighbour: left as they are */
-};
-
 /** Inputs and outputs of one image; every pointer is to the first pixel of the whole image. */
 struct ls_merge_spans {
     const void *raw[LS_MERGE_MAX_EXPOSURES];   /* as on the wire, in the order of exposure_s */
@@ -103,14 +97,10 @@ LS_MUST_CHECK enum ls_err ls_merge_check(const struct ls_merge_params *params,
  * Merge rows [@first_row, @first_row + @n_rows) of an image. @params must have passed
  * ls_merge_check. Inputs are read in the band and, next to defective pixels, up to
  * 2 LS_MERGE_DEFECT_RINGS rows beyond it. Outputs are written in the band only; they overlap
- * nothing. @stats is added to (NULL is allowed). Uses about 20 KiB of stack. RT-safe.
+ * nothing. Uses about 24 KiB of stack. RT-safe.
  */
 void ls_merge_rows(const struct ls_merge_params *params, const struct ls_merge_spans *spans,
-                   uint32_t first_row, uint32_t n_rows, struct ls_merge_stats *stats);
-
-/** All rows. RT-safe. */
-void ls_merge(const struct ls_merge_params *params, const struct ls_merge_spans *spans,
-              struct ls_merge_stats *stats);
+                   uint32_t first_row, uint32_t n_rows);
 
 /**
  * Number of steps of a bracket that leave a gap: neighbouring exposures (after sorting) with a

@@ -89,7 +89,7 @@ static void replace(const struct ls_merge_work *w, size_t pixel, const struct ls
 }
 
 /* Neighbours are merged afresh, so that a band needs no other band's output. */
-bool ls_merge_correct(const struct ls_merge_work *work, size_t pixel)
+void ls_merge_correct(const struct ls_merge_work *work, size_t pixel)
 {
     for (unsigned ring = 1; ring <= LS_MERGE_DEFECT_RINGS; ring++) {
         struct ls_merge_group g = {0};
@@ -102,7 +102,6 @@ bool ls_merge_correct(const struct ls_merge_work *work, size_t pixel)
                 ls_merge_group_load(work, &g, at[k], 1, k);
         ls_merge_group_run(work, &g);
         replace(work, pixel, &g, good);
-        return true;
+        return;
     }
-    return false;
 }

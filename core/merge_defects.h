@@ -7,13 +7,12 @@
 
 #include "core/merge_group.h"
 
-#include <stdbool.h>
 #include <stddef.h>
 
 /** The first of params->defects that is not before @pixel; n_defects if there is none. RT-safe. */
 size_t ls_merge_first_defect(const struct ls_merge_params *params, size_t pixel);
 
-/** Write the replaced values of @pixel; false if no neighbour is good, then it stays. RT-safe. */
-bool ls_merge_correct(const struct ls_merge_work *work, size_t pixel);
+/** Write the replaced values of @pixel; where no neighbour is good, it stays. RT-safe. */
+void ls_merge_correct(const struct ls_merge_work *work, size_t pixel);
 
 #endif

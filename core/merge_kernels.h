@@ -53,6 +53,6 @@ const struct ls_merge_kernels *ls_merge_kernels(enum ls_isa isa);
 /** ls_merge_rows with given kernels (tests, benchmarks). RT-safe. */
 void ls_merge_rows_with(const struct ls_merge_kernels *kernels,
                         const struct ls_merge_params *params, const struct ls_merge_spans *spans,
-                        uint32_t first_row, uint32_t n_rows, struct ls_merge_stats *stats);
+                        uint32_t first_row, uint32_t n_rows);
 
 #endif

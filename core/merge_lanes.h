@@ -9,7 +9,7 @@
 #include "core/lanes.h"
 #include "core/merge_kernels.h"
 
-enum { EXPOSURES = LS_MERGE_MAX_EXPOSURES };
+enum { EXPOSURES = LS_MERGE_MAX_EXPOSURES, BLOCK = 64 };
 
 /* The model in every lane. */
 struct model_lanes {
@@ -57,164 +57,155 @@ LANES_INLINE floats weigh(const struct model_lanes *c, floats sum, floats norm, 
     return n == 2 ? v[0] * v[1] : v[0];
 }
 
-/* What merging a group of lanes gives. */
-struct merged {
-    floats e, variance; /* full scale / s; before its scale */
-    floats stored;      /* e @reference exposure */
-    bool plain;         /* every lane is in range, and within half's */
-    ints validity;      /* unless plain */
+/* A block of pixels between the two looks at it. */
+struct pooled {
+    floats e[BLOCK / LANES];
+    floats y[EXPOSURES][BLOCK / LANES];    /* samples minus darks */
+    floats dark[EXPOSURES][BLOCK / LANES]; /* NaN where the sample is clipped */
 };
 
-/* Samples minus darks of a group of lanes, and which of them are not clipped. */
-struct samples {
-    floats y[EXPOSURES], dark[EXPOSURES];
-    ints live[EXPOSURES];
-};
-
-LANES_INLINE void load(const struct model_lanes *c, const struct ls_merge_lines *l, size_t p,
-                       uint32_t n, bool wide, struct samples *s)
+/* Steps 1 and 2 for group k of a block. Without a sample that is not clipped e is 0 / 0. */
+LANES_INLINE void pool(const struct model_lanes *c, const struct ls_merge_lines *l, size_t p,
+                       uint32_t n, bool wide, bool products, struct pooled *b, size_t k)
 {
+    floats y[EXPOSURES], t[EXPOSURES], w[EXPOSURES], sum = {0}, norm = {0};
+
     LANES_UNROLL for (uint32_t i = 0; i < n; i++)
     {
         floats x = wide ? lanes_load_u16((const uint8_t *)l->x[i] + 2 * p)
                         : lanes_load_u8((const uint8_t *)l->x[i] + p);
-        s->dark[i] = lanes_load(l->dark[i] + p);
-        s->live[i] = x < c->clip;
-        s->y[i] = x - s->dark[i];
-    }
-}
-
-/* Steps 1 and 2. Without a live sample the result is 0 / 0, and used for nothing. */
-LANES_INLINE floats pool(const struct model_lanes *c, const struct samples *s, uint32_t n,
-                         bool products)
-{
-    floats w[EXPOSURES], sum = {0}, norm = {0};
-
-    LANES_UNROLL for (uint32_t i = 0; i < n; i++)
-    {
-        floats y = lanes_keep(s->live[i], s->y[i]), t = lanes_keep(s->live[i], c->t[i]);
-        sum = i ? sum + y : y;
-        norm = i ? norm + t : t;
+        floats dark = lanes_load(l->dark[i] + p);
+        ints clipped = x >= c->clip;
+        b->y[i][k] = x - dark;
+        b->dark[i][k] = (floats)((ints)dark | clipped);
+        y[i] = lanes_drop(clipped, b->y[i][k]);
+        t[i] = lanes_drop(clipped, c->t[i]);
+        sum = i ? sum + y[i] : y[i];
+        norm = i ? norm + t[i] : t[i];
     }
     weigh(c, sum, norm, n, products, w);
     LANES_UNROLL for (uint32_t i = 0; i < n; i++)
     {
-        floats weight = lanes_keep(s->live[i], w[i]);
-        sum = i ? sum + weight * s->y[i] : weight * s->y[i];
-        norm = i ? norm + weight * c->t[i] : weight * c->t[i];
+        sum = i ? sum + w[i] * y[i] : w[i] * y[i];
+        norm = i ? norm + w[i] * t[i] : w[i] * t[i];
     }
-    return sum / norm;
+    b->e[k] = sum / norm;
 }
+
+/* What merging a group of lanes gives. */
+struct merged {
+    floats sum, norm, variance; /* e = sum / norm; before their scales */
+    ints validity;
+    bool plain; /* validity is LS_VALIDITY_OK in every lane */
+};
 
 /* What is left where no exposure is in range: the longest that is not high, or the shortest. */
 LANES_INLINE void fall_back(const struct ls_merge_model *m, const struct model_lanes *c,
-                            const struct samples *s, const floats expected[EXPOSURES], uint32_t n,
-                            bool variance, floats *sum, floats *norm, struct merged *out)
+                            const struct pooled *b, size_t k, const floats expected[EXPOSURES],
+                            uint32_t n, bool variance, struct merged *out)
 {
-    floats y_back = s->y[0], t_back = c->t[0];
-    ints in = *norm > 0, any_high = {0}, any_low = {0};
+    floats y_back = b->y[0][k], t_back = c->t[0];
+    ints in = out->norm > 0, any_high = {0}, any_low = {0};
 
     LANES_UNROLL for (uint32_t i = 0; i < n; i++)
     {
-        ints high = ~s->live[i] | (expected[i] > c->high);
-        any_high |= high;
-        any_low |= ~high;
-        y_back = lanes_select(high, y_back, s->y[i]);
-        t_back = lanes_select(high, t_back, c->t[i]);
+        ints not_high = expected[i] <= c->high;
+        any_high |= ~not_high;
+        any_low |= not_high;
+        y_back = lanes_select(not_high, b->y[i][k], y_back);
+        t_back = lanes_select(not_high, c->t[i], t_back);
     }
     out->validity = ~in & ((any_high & 1) | (any_low & 2));
     if (variance) {
         floats back = (m->noise + c->shot * lanes_positive(y_back)) / t_back / t_back;
         out->variance = lanes_select(in, out->variance, back);
     }
-    *sum = lanes_select(in, *sum, y_back);
-    *norm = lanes_select(in, *norm, t_back);
+    out->sum = lanes_select(in, out->sum, y_back);
+    out->norm = lanes_select(in, out->norm, t_back);
 }
 
-LANES_INLINE void divide(const struct model_lanes *c, floats sum, floats norm, struct merged *out)
-{
-    out->e = c->scale * (sum / norm);
-    out->stored = out->e * c->reference_s;
-}
-
-/* Steps 3 and 4. Where nothing is in range, sum / norm is 0 / 0: one look at what is to be stored
- * finds that, and what is beyond half's range, together. */
+/* Steps 3 and 4. */
 LANES_INLINE struct merged choose(const struct ls_merge_model *m, const struct model_lanes *c,
-                                  const struct samples *s, floats e, uint32_t n, bool products,
+                                  const struct pooled *b, size_t k, uint32_t n, bool products,
                                   bool variance)
 {
     floats w[EXPOSURES], expected[EXPOSURES], sum = {0}, norm = {0};
     struct merged out = {0};
 
-    floats factor = weigh(c, e, lanes_all(1), n, products, w);
+    floats factor = weigh(c, b->e[k], lanes_all(1), n, products, w);
     LANES_UNROLL for (uint32_t i = 0; i < n; i++)
     {
-        expected[i] = s->dark[i] + e * c->t[i];
-        ints in = s->live[i] & (expected[i] <= c->high) & (expected[i] >= c->low);
+        expected[i] = b->dark[i][k] + b->e[k] * c->t[i];
+        ints in = (expected[i] <= c->high) & (expected[i] >= c->low);
         floats weight = lanes_keep(in, w[i]);
-        sum = i ? sum + weight * s->y[i] : weight * s->y[i];
+        sum = i ? sum + weight * b->y[i][k] : weight * b->y[i][k];
         norm = i ? norm + weight * c->t[i] : weight * c->t[i];
     }
+    out.sum = sum;
+    out.norm = norm;
     if (variance)
         out.variance = factor / norm;
-    divide(c, sum, norm, &out);
-    out.plain = lanes_are_all_set(lanes_magnitude(out.stored) <= LS_HALF_MAX);
-    if (out.plain)
-        return out;
-    fall_back(m, c, s, expected, n, variance, &sum, &norm, &out);
-    divide(c, sum, norm, &out);
+    out.plain = lanes_are_all_set(norm > 0);
+    if (!out.plain)
+        fall_back(m, c, b, k, expected, n, variance, &out);
     return out;
 }
 
-/* What is beyond half's range becomes its edge, and saturated. */
-LANES_INLINE void limit(struct merged *out)
+/* What is beyond half's range becomes its edge, what is no number 0, and both saturated. */
+LANES_INLINE floats limit(floats stored, struct merged *out)
 {
-    floats v = out->stored;
-    ints fits = lanes_magnitude(v) <= LS_HALF_MAX;
-    floats edge = lanes_select(v > 0, lanes_all(LS_HALF_MAX), lanes_all(-LS_HALF_MAX));
+    ints fits = lanes_magnitude(stored) <= LS_HALF_MAX;
+    floats edge = lanes_select(stored > 0, lanes_all(LS_HALF_MAX), lanes_all(-LS_HALF_MAX));
 
-    out->stored = lanes_select(fits, v, lanes_keep(v == v, edge));
     out->validity = (out->validity & fits) | (LS_VALIDITY_SATURATED & ~fits);
+    out->plain = false;
+    return lanes_select(fits, stored, lanes_keep(stored == stored, edge));
 }
 
-LANES_INLINE void put(const struct ls_merge_model *m, const struct ls_merge_lines *l, size_t p,
-                      struct merged out)
+/* Returns which lanes the halves can hold as they are; all, if @limited. */
+LANES_INLINE ints put(const struct ls_merge_model *m, const struct model_lanes *c,
+                      const struct ls_merge_lines *l, size_t p, struct merged out, bool limited)
 {
+    floats e = c->scale * (out.sum / out.norm), stored = e * c->reference_s;
+
     if (l->e)
-        lanes_store(l->e + p, out.e);
+        lanes_store(l->e + p, e);
     if (l->variance)
         lanes_store(l->variance + p, m->scale2 * out.variance);
-    if (l->half && !out.plain)
-        limit(&out);
+    if (limited)
+        stored = limit(stored, &out);
     if (l->half)
-        lanes_store_half(l->half + p, lanes_to_half(out.stored));
-    if (out.plain)
-        memset(l->validity + p, LS_VALIDITY_OK, LANES);
-    else
+        lanes_store_half(l->half + p, lanes_to_half(stored));
+    if (!out.plain)
         lanes_store_u8(l->validity + p, out.validity);
+    return lanes_magnitude(stored) <= LS_HALF_MAX;
 }
 
 /* The pooled estimates of a block before the choices: both wait for a division, and many pixels can
- * wait at once. n, wide and products are constants in every instance. */
+ * wait at once. Halves out of range are rare: one look at the whole block finds them, then it is
+ * done again. n, wide and products are constants in every instance. */
 LANES_INLINE void merge_run(const struct ls_merge_model *m, const struct ls_merge_lines *lines,
                             size_t count, uint32_t n, bool wide, bool products)
 {
-    enum { BLOCK = 256 };
     const struct model_lanes c = model_lanes(m, n);
     const struct ls_merge_lines l = *lines; /* a copy, which no output can be part of */
+    struct pooled b;
 
     for (size_t first = 0; first < count; first += BLOCK) {
         size_t end = count - first < BLOCK ? count : first + BLOCK;
-        floats e[BLOCK / LANES];
-        struct samples s;
-        for (size_t p = first, k = 0; p < end; p += LANES, k++) {
-            load(&c, &l, p, n, wide, &s);
-            e[k] = pool(&c, &s, n, products);
-        }
-        for (size_t p = first, k = 0; p < end; p += LANES, k++) {
-            load(&c, &l, p, n, wide, &s);
-            put(m, &l, p, choose(m, &c, &s, e[k], n, products, l.variance));
-        }
+        bool limited = false, done;
+        for (size_t p = first, k = 0; p < end; p += LANES, k++)
+            pool(&c, &l, p, n, wide, products, &b, k);
+        do {
+            ints fits = ~(ints){0};
+            memset(l.validity + first, LS_VALIDITY_OK, end - first);
+            for (size_t p = first, k = 0; p < end; p += LANES, k++) {
+                struct merged out = choose(m, &c, &b, k, n, products, l.variance);
+                fits &= put(m, &c, &l, p, out, limited);
+            }
+            done = !l.half || lanes_are_all_set(fits);
+            limited = true;
+        } while (!done);
     }
 }
 

@@ -358,7 +358,7 @@ static enum ls_err merge_band(struct ls_merge_stage *stage, const struct ls_merg
     uint32_t height = a->params.height;
     uint32_t first = (uint32_t)((uint64_t)height * job->band / a->n_bands);
     uint32_t end = (uint32_t)((uint64_t)height * (job->band + 1) / a->n_bands);
-    ls_merge_rows(&a->params, &a->spans, first, end - first, NULL);
+    ls_merge_rows(&a->params, &a->spans, first, end - first);
     pthread_mutex_lock(&stage->lock);
     bool last = ++a->bands_done == a->n_bands;
     pthread_mutex_unlock(&stage->lock);

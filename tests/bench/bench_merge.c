@@ -37,7 +37,7 @@ static void merge(void *data)
     struct ls_merge_spans s = image_spans(&p->image);
     s.e = s.variance = NULL;
     s.half = p->half;
-    ls_merge(&p->image.p, &s, NULL);
+    ls_merge_rows(&p->image.p, &s, 0, p->image.p.height);
 }
 
 /* Of E, as merge.h says what it is relative to. */

@@ -205,7 +205,7 @@ void grey_rig_picture(struct grey_rig *rig, uint32_t camera, uint32_t condition,
         expose(rig, camera, condition, k, raw[k]);
     }
     g_assert_cmpint(ls_merge_check(&params, NULL), ==, LS_OK);
-    ls_merge(&params, &spans, NULL);
+    ls_merge_rows(&params, &spans, 0, params.height);
     for (uint32_t k = 0; k < EXPOSURES; k++)
         g_free(raw[k]);
 }

@@ -41,7 +41,6 @@ struct image {
     float *dark[LS_MERGE_MAX_EXPOSURES];
     float *e, *variance;
     uint8_t *validity;
-    struct ls_merge_stats stats;
 };
 
 static inline void image_init(struct image *image, const struct ls_merge_params *p)
@@ -96,9 +95,7 @@ static inline void image_merge(struct image *image)
     g_assert_cmpstr(diag.text, ==, "");
     g_assert_cmpint(err, ==, LS_OK);
     image_pack(image);
-    image->stats = (struct ls_merge_stats){0};
-    ls_merge_rows_with(ls_merge_kernels(image->isa), &image->p, &s, 0, image->p.height,
-                       &image->stats);
+    ls_merge_rows_with(ls_merge_kernels(image->isa), &image->p, &s, 0, image->p.height);
 }
 
 /* What the header promises, written again: exposures in any order, long double, no vectors. */
