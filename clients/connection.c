@@ -96,7 +96,8 @@ enum ls_err ls_connection_send(struct ls_connection *connection, uint16_t type,
 }
 
 /* Wait for bytes with SIGINT let through: a program that blocks it everywhere else (take_follow.c)
- * cannot miss one between looking at its count and waiting. */
+ * cannot miss one between looking at its count and waiting (interrupt.h brings it to this thread).
+ */
 static bool interrupted_waiting(int fd)
 {
     struct pollfd wait = {.fd = fd, .events = POLLIN};
@@ -133,8 +134,8 @@ static enum ls_err next_frame(struct ls_connection *connection, struct ls_diag *
             err = read_more(connection, diag);
         if (!err)
             err = ls_frame_decoder_feed(&connection->decoder, connection->in + connection->in_used,
-                                        connection->in_fill - connection->in_used, &used,
-                                        &complete, diag);
+                                        connection->in_fill - connection->in_used, &used, &complete,
+                                        diag);
         if (err)
             return err;
         connection->in_used += used;
@@ -225,7 +226,8 @@ static enum ls_err connect_unix(const char *path, int *out, struct ls_diag *diag
         close(fd);
         return ls_fail(diag, LS_ERR_NOT_FOUND,
                        "no lightstaged answers at %s (%s): start it, or name its socket with "
-                       "--socket or LIGHTSTAGED_SOCKET", path, strerror(reason));
+                       "--socket or LIGHTSTAGED_SOCKET",
+                       path, strerror(reason));
     }
     *out = fd;
     return LS_OK;

@@ -2,6 +2,7 @@
  * lightstagectl: the operator's command line. Finds the command, runs it, returns its exit code.
  */
 #include "clients/command.h"
+#include "clients/interrupt.h"
 
 #include <stdio.h>
 #include <stdlib.h>
@@ -115,5 +116,6 @@ static int command_line(int argc, char **argv)
 
 int main(int argc, char **argv)
 {
+    ls_interrupt_install();
     return ls_command_end(command_line(argc, argv));
 }

@@ -1,5 +1,6 @@
 #include "clients/take_follow.h"
 
+#include "clients/interrupt.h"
 #include "clients/take_text.h"
 
 #include <signal.h>
@@ -13,7 +14,8 @@ static volatile sig_atomic_t interrupts; /* the one thing a signal handler can w
 
 static void on_interrupt(int signal_number)
 {
-    interrupts++;
+    if (!ls_interrupt_elsewhere(signal_number))
+        interrupts++;
 }
 
 void ls_take_follow_signals(void)

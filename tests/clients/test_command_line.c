@@ -10,6 +10,7 @@
 #include <stdlib.h>
 #include <string.h>
 #include <sys/stat.h>
+#include <sys/syscall.h>
 #include <sys/wait.h>
 #include <unistd.h>
 
@@ -216,8 +217,7 @@ static struct starting begin(struct stage *stage, const char *options)
     g_free(command);
     g_free(line);
     wait_for_connections(stage, 1);
-    while (engine_state(stage).started == 0)
-        g_thread_yield();
+    fake_engine_wait(stage->engine, 1, 0);
     return starting;
 }
 
@@ -250,21 +250,33 @@ static void a_take_that_completes_ends_with_0_else_1(struct stage *stage, gconst
         char token[16];
         snprintf(token, sizeof token, "--token t%zu", i);
         starting = begin(stage, token);
-        while (engine_state(stage).started <= i)
-            g_thread_yield();
+        fake_engine_wait(stage->engine, (unsigned)i + 1, 0);
         take_ends(stage, states[i]);
         g_assert_cmpint(ending(&starting, &err), ==, 1);
         g_free(err);
     }
 }
 
+/* SIGINT to the program, as the kernel may deliver it: to the youngest of its threads, which is a
+ * library's if one has any. */
+static void press_ctrl_c(GPid pid)
+{
+    char *path = g_strdup_printf("/proc/%d/task", pid);
+    GDir *tasks = g_dir_open(path, 0, NULL);
+    long thread = pid;
+    for (const char *name; (name = g_dir_read_name(tasks));)
+        thread = MAX(thread, strtol(name, NULL, 10));
+    g_dir_close(tasks);
+    g_free(path);
+    g_assert_no_errno((int)syscall(SYS_tgkill, pid, thread, SIGINT));
+}
+
 static void ctrl_c_aborts_and_waits_for_the_end(struct stage *stage, gconstpointer data)
 {
     struct starting starting = begin(stage, "");
     char *err;
-    kill(starting.pid, SIGINT);
-    while (engine_state(stage).aborted == 0)
-        g_thread_yield();
+    press_ctrl_c(starting.pid);
+    fake_engine_wait(stage->engine, 1, 1);
     g_assert_cmpint(waitpid(starting.pid, NULL, WNOHANG), ==, 0); /* still waiting */
     take_ends(stage, LS_TAKE_ABORTED);
     g_assert_cmpint(ending(&starting, &err), ==, 130);
@@ -276,10 +288,9 @@ static void a_second_ctrl_c_leaves_at_once(struct stage *stage, gconstpointer da
 {
     struct starting starting = begin(stage, "");
     char *err;
-    kill(starting.pid, SIGINT);
-    while (engine_state(stage).aborted == 0)
-        g_thread_yield();
-    kill(starting.pid, SIGINT);
+    press_ctrl_c(starting.pid);
+    fake_engine_wait(stage->engine, 1, 1);
+    press_ctrl_c(starting.pid);
     g_assert_cmpint(ending(&starting, &err), ==, 130); /* the take has not ended */
     g_assert_nonnull(strstr(err, "the daemon finishes aborting"));
     g_free(err);

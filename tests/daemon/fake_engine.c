@@ -1,5 +1,6 @@
 #include "tests/daemon/fake_engine.h"
 
+#include <glib.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -12,11 +13,32 @@ struct ls_engine {
     void *user;
     struct ls_take_status take;
     struct fake_engine_state state;
+    GMutex lock; /* of the counters that are waited for */
+    GCond asked;
 };
 
 struct fake_engine_state *fake_engine_state(struct ls_engine *engine)
 {
     return &engine->state;
+}
+
+void fake_engine_wait(struct ls_engine *engine, unsigned started, unsigned aborted)
+{
+    gint64 until = g_get_monotonic_time() + 30 * G_TIME_SPAN_SECOND;
+    g_mutex_lock(&engine->lock);
+    while (engine->state.started < started || engine->state.aborted < aborted)
+        if (!g_cond_wait_until(&engine->asked, &engine->lock, until))
+            g_error("%u takes begun and %u aborts asked for, expected %u and %u",
+                    engine->state.started, engine->state.aborted, started, aborted);
+    g_mutex_unlock(&engine->lock);
+}
+
+static void note(struct ls_engine *engine, unsigned *counter)
+{
+    g_mutex_lock(&engine->lock);
+    ++*counter;
+    g_cond_broadcast(&engine->asked);
+    g_mutex_unlock(&engine->lock);
 }
 
 static bool running(const struct ls_engine *engine)
@@ -47,11 +69,17 @@ enum ls_err ls_engine_create(const struct ls_config *config, ls_take_callback *c
     if (!*out)
         return LS_ERR_NOMEM;
     **out = (struct ls_engine){.config = config, .callback = callback, .user = user};
+    g_mutex_init(&(*out)->lock);
+    g_cond_init(&(*out)->asked);
     return LS_OK;
 }
 
 void ls_engine_destroy(struct ls_engine *engine)
 {
+    if (!engine)
+        return;
+    g_mutex_clear(&engine->lock);
+    g_cond_clear(&engine->asked);
     free(engine);
 }
 
@@ -111,7 +139,8 @@ enum ls_err ls_engine_start(struct ls_engine *engine, const char *name, const ch
     if (*already)
         return LS_OK;
     enum ls_err err = launch(engine, "20260102T030405Z-vase-0a0b0c", token, diag);
-    engine->state.started += !err;
+    if (!err)
+        note(engine, &engine->state.started);
     return err;
 }
 
@@ -127,7 +156,7 @@ enum ls_err ls_engine_abort(struct ls_engine *engine, struct ls_diag *diag)
 {
     if (!running(engine))
         return ls_fail(diag, LS_ERR_STATE, "no take is running");
-    engine->state.aborted++;
+    note(engine, &engine->state.aborted);
     return LS_OK;
 }
 
