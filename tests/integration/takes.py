@@ -60,8 +60,10 @@ def ask(rig, *arguments, seconds=120):
 
 
 def plan_file(rig, text):
+    """Put in its place whole: a client begun before may be about to read it."""
     path = rig.path("plan.conf")
-    stage.write(path, text)
+    stage.write(path + ".new", text)
+    os.replace(path + ".new", path)
     return path
 
 
