@@ -77,13 +77,11 @@ static bool has_time(const struct ls_camera *camera)
     return !camera->rig->options.no_time || (camera->rig->options.mixed && camera->index == 1);
 }
 
-static void draw(const struct ls_camera *camera, uint32_t slot, uint32_t pulse, int light,
-                 uint32_t width_us, double exposure_us)
+void fake_rig_draw(void *raw, uint32_t pulse, int light, uint32_t width_us, double black,
+                   double exposure_us)
 {
-    uint16_t *px = (uint16_t *)(void *)((char *)camera->slots.base + camera->slots.stride * slot);
-    const struct fake_rig *rig = camera->rig;
-    bool drifted = rig->options.drift_at && rig->armed > 1 && pulse >= rig->options.drift_at;
-    double dn = FAKE_BLACK + drifted + (light < 0 ? 0 : FAKE_RATE * (1 + light) * exposure_us);
+    uint16_t *px = raw;
+    double dn = black + (light < 0 ? 0 : FAKE_RATE * (1 + light) * exposure_us);
     for (uint32_t i = 0; i < FAKE_WIDTH * FAKE_HEIGHT; i++)
         px[i] = (uint16_t)fmin(65535, round(dn));
     px[0] = (uint16_t)(light + 2);
@@ -110,7 +108,9 @@ static void expose(struct ls_camera *camera, uint64_t at_ns, uint32_t pulse, int
     }
     uint32_t slot = camera->queued[0];
     memmove(camera->queued, camera->queued + 1, --camera->n_queued * sizeof slot);
-    draw(camera, slot, pulse, light, width_us, exposure_us);
+    bool drifted = rig->options.drift_at && rig->armed > 1 && pulse >= rig->options.drift_at;
+    fake_rig_draw((char *)camera->slots.base + camera->slots.stride * slot, pulse, light, width_us,
+                  FAKE_BLACK + drifted, exposure_us);
     struct ready *ready = &camera->ready[camera->n_ready++];
     ready->at_ns = at_ns + (uint64_t)(exposure_us + rig->options.frame_delay_us) * 1000;
     if (fault == FAKE_SLOW || fault == FAKE_SLOWER)
@@ -139,6 +139,7 @@ static void release(struct fake_rig *rig, uint64_t now_ns)
     rig->light_now = -1;
     rig->held.width_us = (uint32_t)((now_ns - rig->held_ns) / 1000);
     add_event(rig, &rig->held);
+    g_cond_broadcast(&rig->changed);
 }
 
 static void blank(struct fake_rig *rig)
@@ -216,7 +217,7 @@ static gpointer engine(gpointer data)
     while (!rig->quit) {
         uint64_t now = ls_host_ns();
         if (!may_fire(rig)) {
-            g_cond_wait_until(&rig->changed, &rig->lock, g_get_monotonic_time() + 20000);
+            g_cond_wait(&rig->changed, &rig->lock);
             continue;
         }
         /* late by the host's scheduling is still exact by the controller's clock; late by credit
@@ -385,6 +386,7 @@ void ls_camera_release(struct ls_camera *camera, uint32_t slot)
 {
     g_mutex_lock(&camera->rig->lock);
     camera->queued[camera->n_queued++] = slot;
+    g_cond_broadcast(&camera->rig->changed);
     g_mutex_unlock(&camera->rig->lock);
 }
 
@@ -494,6 +496,14 @@ uint32_t fake_rig_pulses(struct fake_rig *rig)
     uint32_t n = rig->pulses;
     g_mutex_unlock(&rig->lock);
     return n;
+}
+
+void fake_rig_wait_released(struct fake_rig *rig, uint32_t n)
+{
+    g_mutex_lock(&rig->lock);
+    while (rig->cameras[0].n_queued < n)
+        g_cond_wait(&rig->changed, &rig->lock);
+    g_mutex_unlock(&rig->lock);
 }
 
 uint32_t fake_rig_underruns(struct fake_rig *rig)

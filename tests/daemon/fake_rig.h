@@ -66,6 +66,11 @@ struct ls_camera *const *fake_rig_cameras(struct fake_rig *rig);
 uint32_t fake_rig_pulses(struct fake_rig *rig);
 /** Exposures that found no queued slot. */
 uint32_t fake_rig_underruns(struct fake_rig *rig);
+/** Wait until camera 0 has been given @n slots that it has not filled. */
+void fake_rig_wait_released(struct fake_rig *rig, uint32_t n);
+/** A frame as above into @raw, with @black instead of BLACK. */
+void fake_rig_draw(void *raw, uint32_t pulse, int light, uint32_t width_us, double black,
+                   double exposure_us);
 bool fake_rig_is_dark(struct fake_rig *rig);
 /** Host time of the last lit pulse's start, ns. */
 uint64_t fake_rig_last_lit_ns(struct fake_rig *rig);
