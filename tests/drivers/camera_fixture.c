@@ -9,7 +9,7 @@
 
 /** First bytes of each picture. */
 struct stamp {
-    uint32_t magic, step, condition, pixel_format;
+    uint32_t magic, camera, step, condition, pixel_format;
 };
 
 enum { MAGIC = 0x57a6e001 };
@@ -36,7 +36,8 @@ static void render(void *user, const struct sim_exposure *exposure,
     struct bench *bench = user;
     uint8_t *bytes = raw;
     size_t n = (size_t)format->width * format->height * (format->pixel_format >> 16 & 0xff) / 8;
-    struct stamp stamp = {MAGIC, exposure->step, exposure->condition, format->pixel_format};
+    struct stamp stamp = {MAGIC, exposure->camera, exposure->step, exposure->condition,
+                          format->pixel_format};
     if (bench->whole_pattern)
         for (size_t i = 0; i < n; i++)
             bytes[i] = pattern_byte(exposure->step, i);
@@ -164,7 +165,7 @@ bool bench_shows(const struct bench *bench, const struct ls_camera_frame *frame,
     const uint8_t *bytes = (uint8_t *)bench->slots.base + frame->slot * bench->slots.stride;
     struct stamp stamp;
     memcpy(&stamp, bytes, sizeof stamp);
-    if (stamp.magic != MAGIC || stamp.step != step)
+    if (stamp.magic != MAGIC || stamp.step != step || stamp.camera != bench->sim_config.index)
         return false;
     if (bench->whole_pattern)
         for (size_t i = sizeof stamp; i < frame->payload_bytes; i++)

@@ -6,6 +6,7 @@
 #include <sys/mman.h>
 #include <sys/prctl.h>
 #include <sys/wait.h>
+#include <time.h>
 #include <unistd.h>
 
 static enum ls_err on_commit(void *user, const struct sim_condition *conditions, uint32_t n,
@@ -19,8 +20,8 @@ static enum ls_err on_commit(void *user, const struct sim_condition *conditions,
             log->conditions[i].leds[k] = conditions[i].leds[k];
     }
     log->n_commits++;
-    while (log->hold_commit)
-        g_usleep(1000); /* a commit that takes long */
+    while (log->hold_commit && sem_wait(&log->let_commit))
+        ;
     return LS_OK;
 }
 
@@ -43,6 +44,7 @@ static void on_dark(void *user, uint64_t true_ns)
     struct dome_log *log = user;
     log->dark_ns[log->n_darks % 64] = true_ns;
     log->n_darks++;
+    sem_post(&log->dark);
 }
 
 static void child(const struct sim_controller_config *config, struct dome_log *log, int ready_fd,
@@ -74,6 +76,8 @@ struct dome dome_start(const struct sim_controller_config *config)
     dome.log =
         mmap(NULL, sizeof *dome.log, PROT_READ | PROT_WRITE, MAP_SHARED | MAP_ANONYMOUS, -1, 0);
     g_assert_true(dome.log != MAP_FAILED);
+    g_assert_no_errno(sem_init(&dome.log->let_commit, 1, 0));
+    g_assert_no_errno(sem_init(&dome.log->dark, 1, 0));
     g_assert_no_errno(pipe(ready));
     g_assert_no_errno(pipe(hold));
     dome.pid = fork();
@@ -98,6 +102,14 @@ void dome_stop(struct dome *dome)
     g_assert_cmpint(waitpid(dome->pid, &status, 0), ==, dome->pid);
     g_assert_cmpint(status, ==, 0);
     munmap(dome->log, sizeof *dome->log);
+}
+
+void dome_wait_dark(struct dome *dome)
+{
+    struct timespec until;
+    clock_gettime(CLOCK_REALTIME, &until);
+    until.tv_sec += 10;
+    g_assert_no_errno(sem_timedwait(&dome->log->dark, &until));
 }
 
 struct sim_controller_config dome_small(void)

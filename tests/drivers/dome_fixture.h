@@ -8,13 +8,16 @@
 #include "drivers/lights.h"
 #include "sim/controller.h"
 
+#include <semaphore.h>
 #include <sys/types.h>
 
 enum { DOME_PULSES = 8192, DOME_CONDITIONS = 1024, DOME_LEDS = 8 };
 
 /** Shared with the child, which appends. */
 struct dome_log {
-    _Atomic bool hold_commit; /* getting ready takes until this is cleared */
+    _Atomic bool hold_commit; /* getting ready takes until let_commit is posted */
+    sem_t let_commit;
+    sem_t dark; /* posted when the LEDs went dark */
     _Atomic uint32_t n_pulses, n_releases, n_darks, n_commits;
     struct sim_pulse pulses[DOME_PULSES];
     uint64_t release_ns[DOME_PULSES];
@@ -36,6 +39,9 @@ struct dome {
 /** Start a controller; the test fails if it does not come up. */
 struct dome dome_start(const struct sim_controller_config *config);
 void dome_stop(struct dome *dome);
+
+/** Wait until the LEDs went dark once more; the test fails after 10 s. */
+void dome_wait_dark(struct dome *dome);
 
 /** A small fast controller: 12 lights, 3 channels, 1 ms period, drifting clock. */
 struct sim_controller_config dome_small(void);

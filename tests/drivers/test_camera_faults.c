@@ -2,6 +2,7 @@
 #include "camera_fixture.h"
 
 #include <fcntl.h>
+#include <semaphore.h>
 #include <signal.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -120,6 +121,7 @@ static void test_two_hosts(void)
 /** Sits in next for a minute, unless something ends it. */
 struct sitter {
     struct bench *bench;
+    sem_t about_to; /* posted on the way in */
     enum ls_err err;
     double seconds;
     pthread_t thread;
@@ -130,6 +132,7 @@ static void *sit(void *user)
     struct sitter *s = user;
     struct ls_camera_frame frame;
     double start = bench_seconds();
+    sem_post(&s->about_to);
     s->err = ls_camera_next(s->bench->camera, 60 * SECOND_US, &frame);
     s->seconds = bench_seconds() - start;
     return NULL;
@@ -137,6 +140,7 @@ static void *sit(void *user)
 
 static void sit_down(struct sitter *s)
 {
+    sem_init(&s->about_to, 0, 0);
     g_assert_cmpint(pthread_create(&s->thread, NULL, sit, s), ==, 0);
 }
 
@@ -167,15 +171,17 @@ static void test_stop(void)
     struct bench *b = bench_new(37);
     struct sitter s = {.bench = b};
     bench_power_up(b);
-    bench_start(b, 4);
-    bench_pulse(b, 0, 100);
-    struct ls_camera_frame held = bench_next(b, SECOND_US);
-    sit_down(&s);
-    usleep(20000); /* lets it sit down first, most of the time: both orders must work */
-    bench_stop(b, NULL);
-    pthread_join(s.thread, NULL);
-    g_assert_true(s.err == LS_ERR_ABORTED || s.err == LS_ERR_STATE);
-    ls_camera_release(b->camera, held.slot); /* late, and harmless */
+    for (int round = 0; round < 4; round++) {
+        bench_start(b, 4);
+        bench_pulse(b, 0, 100);
+        struct ls_camera_frame held = bench_next(b, SECOND_US);
+        sit_down(&s);
+        sem_wait(&s.about_to); /* from here either may be first, and both orders must work */
+        bench_stop(b, NULL);
+        pthread_join(s.thread, NULL);
+        g_assert_true(s.err == LS_ERR_ABORTED || s.err == LS_ERR_STATE);
+        ls_camera_release(b->camera, held.slot); /* late, and harmless */
+    }
     bench_close(b);
 }
 
