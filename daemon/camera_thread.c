@@ -21,7 +21,7 @@ struct ls_camera_thread {
     struct ls_bind *bind;
     struct ls_queue messages;
     _Atomic uint64_t until_us;
-    _Atomic bool stopping, suspect;
+    _Atomic bool stopping, suspect, crowded; /* crowded: a message found no room */
     _Atomic uint32_t programs, settled, pending, bound, unusable;
     _Atomic int failure;
     struct ls_camera_residuals residuals;
@@ -116,7 +116,7 @@ static void arm(struct ls_camera_thread *thread, uint32_t n_steps)
     atomic_store(&thread->settled, 0);
     atomic_store(&thread->pending, 0);
     atomic_fetch_add(&thread->programs, 1);
-    sem_post(thread->config.armed);
+    sem_post(thread->config.heard);
 }
 
 static void hear(struct ls_camera_thread *thread, const struct ls_camera_message *message)
@@ -152,6 +152,8 @@ static void hear_all(struct ls_camera_thread *thread)
         hear(thread, &message);
         obey_all(thread);
     }
+    if (atomic_exchange(&thread->crowded, false))
+        sem_post(thread->config.heard);
     ls_bind_until(thread->bind, until_us);
 }
 
@@ -221,7 +223,10 @@ enum ls_err ls_camera_thread_start(struct ls_camera_thread *thread, struct ls_di
 
 bool ls_camera_thread_tell(struct ls_camera_thread *thread, const struct ls_camera_message *message)
 {
-    return ls_queue_push(&thread->messages, message);
+    bool told = ls_queue_push(&thread->messages, message);
+    if (!told)
+        atomic_store(&thread->crowded, true);
+    return told;
 }
 
 void ls_camera_thread_until(struct ls_camera_thread *thread, uint64_t us)

@@ -56,7 +56,8 @@ struct ls_camera_thread_config {
     struct ls_camera_frame anchor; /* of the last warm-up pulse */
     struct ls_queue *inlet;        /* of struct ls_bound_frame, room for every slot */
     sem_t *work;                   /* posted once per bound frame */
-    sem_t *armed;                  /* posted once per LS_CAMERA_ARMED dealt with */
+    sem_t *heard;                  /* posted once per LS_CAMERA_ARMED dealt with, and when there is
+                                      room again after a message found none */
     int rt_priority;               /* 0 = normal */
 };
 
@@ -89,7 +90,7 @@ LS_MUST_CHECK enum ls_err ls_camera_thread_create(const struct ls_camera_thread_
 LS_MUST_CHECK enum ls_err ls_camera_thread_start(struct ls_camera_thread *thread,
                                                  struct ls_diag *diag);
 
-/** False: the queue is full; try again. RT-safe. */
+/** False: the queue is full; try again when `heard` is posted. RT-safe. */
 bool ls_camera_thread_tell(struct ls_camera_thread *thread,
                            const struct ls_camera_message *message);
 

@@ -43,7 +43,7 @@ struct ls_capture {
     bool started[LS_MAX_CAMERAS];
     struct ls_merge_stage *merge;
     struct ls_sequencer sequencer;
-    sem_t armed;
+    sem_t heard;
     struct ls_warm_up warm_up;
     struct ls_pass pass;
     uint8_t *wanted;         /* per plan step */
@@ -144,7 +144,7 @@ static void describe(struct ls_capture *c)
     c->warm_up.settle_us = plan->settle_us;
     c->warm_up.patience_us = c->sequencer.patience_us = c->patience_us;
     c->warm_up.abort = c->sequencer.abort = &c->abort;
-    c->sequencer.armed = &c->armed;
+    c->sequencer.heard = &c->heard;
     c->sequencer.controller = &c->warm_up.controller;
     c->sequencer.stepwise = c->stepwise;
     c->sequencer.live = plan->subject == LS_SUBJECT_LIVE;
@@ -233,7 +233,7 @@ enum ls_err ls_capture_create(const struct ls_capture_setup *setup, struct ls_ca
     if (!c)
         return ls_fail(diag, LS_ERR_NOMEM, "out of memory");
     c->setup = *setup;
-    sem_init(&c->armed, 0, 0);
+    sem_init(&c->heard, 0, 0);
     enum ls_err err = build(c, diag);
     if (err) {
         ls_capture_destroy(c);
@@ -296,7 +296,7 @@ static enum ls_err start_threads(struct ls_capture *c, struct ls_diag *diag)
             .anchor = c->warm_up.cameras[i].anchor,
             .inlet = ls_merge_stage_inlet(c->merge, i),
             .work = ls_merge_stage_work(c->merge),
-            .armed = &c->armed,
+            .heard = &c->heard,
             .rt_priority = camera_priority(config_of(c, i)),
         };
         err = ls_camera_thread_create(&config, &c->threads[i], diag);
@@ -655,7 +655,7 @@ void ls_capture_destroy(struct ls_capture *capture)
     ls_merge_stage_destroy(capture->merge);
     for (uint32_t i = 0; i < LS_MAX_CAMERAS; i++)
         ls_ring_destroy(capture->rings[i]);
-    sem_destroy(&capture->armed);
+    sem_destroy(&capture->heard);
     ls_pass_finish(&capture->pass);
     if (capture->rate)
         pthread_mutex_destroy(&capture->rate->lock);

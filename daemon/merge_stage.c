@@ -6,12 +6,10 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
-#include <time.h>
 
 enum {
     MIN_ACCUMULATORS = 2,
     MAX_ACCUMULATORS = 16,
-    LOOK_AGAIN_MS = 20, /* a thread without work looks again after this, posted or not */
 };
 
 /* ---- choosing work; under the lock ---- */
@@ -125,14 +123,11 @@ static bool pick(struct ls_merge_stage *stage, struct ls_merge_job *job)
 
 /* ---- threads ---- */
 
+/* Every frame handed in is posted, and what a job frees is seen by the thread that ran it, which
+ * looks for work again before it comes here: nothing is left lying. */
 static void wait_for_work(struct ls_merge_stage *stage)
 {
-    struct timespec until;
-    clock_gettime(CLOCK_REALTIME, &until);
-    until.tv_nsec += LOOK_AGAIN_MS * 1000000;
-    until.tv_sec += until.tv_nsec / 1000000000;
-    until.tv_nsec %= 1000000000;
-    while (sem_timedwait(&stage->work, &until) && errno == EINTR)
+    while (sem_wait(&stage->work) && errno == EINTR)
         ;
 }
 

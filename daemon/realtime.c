@@ -18,7 +18,7 @@ uint64_t ls_host_ns(void)
     return (uint64_t)t.tv_sec * 1000000000u + (uint64_t)t.tv_nsec;
 }
 
-void ls_host_sleep(uint64_t us)
+void ls_host_rest(uint64_t us)
 {
     const struct timespec t = {.tv_sec = (time_t)(us / 1000000),
                                .tv_nsec = (long)(us % 1000000) * 1000};

@@ -21,8 +21,9 @@ bool ls_realtime_enter(int priority);
 /** Host CLOCK_MONOTONIC_RAW, ns. RT-safe. */
 uint64_t ls_host_ns(void);
 
-/** Sleep for @us. RT-safe. */
-void ls_host_sleep(uint64_t us);
+/** Leave a light controller alone for @us: it speaks only when asked, and nothing else tells that a
+ * step was fired. What does announce itself is waited for with ls_host_wait. RT-safe. */
+void ls_host_rest(uint64_t us);
 
 /** Wait until @sem is posted, @us at most. RT-safe. */
 void ls_host_wait(sem_t *sem, uint64_t us);

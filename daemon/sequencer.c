@@ -56,7 +56,7 @@ static bool tell_camera(struct run *run, uint32_t camera, const struct ls_camera
     while (!ls_camera_thread_tell(run->seq->cameras[camera].thread, message)) {
         if (ls_host_ns() > until)
             return false;
-        ls_host_sleep(100);
+        ls_host_wait(run->seq->heard, LOOK_AGAIN_US);
     }
     return true;
 }
@@ -204,7 +204,7 @@ static enum ls_err flow(struct run *run)
             err = check_stall(run);
         if (err)
             return err;
-        ls_host_sleep(POLL_US);
+        ls_host_rest(POLL_US);
     }
 }
 
@@ -218,7 +218,7 @@ static enum ls_err turn(struct run *run)
     if (!err)
         err = check_stall(run);
     if (!err)
-        ls_host_sleep(POLL_US);
+        ls_host_rest(POLL_US);
     return err;
 }
 
@@ -428,7 +428,7 @@ static enum ls_err arm(struct run *run)
     uint64_t until = ls_host_ns() + ANSWER_US * 1000ull;
     while (!err && !all_armed(run, programs)) {
         err = ls_host_ns() > until ? LS_ERR_BUG : interrupted(run->seq);
-        ls_host_wait(run->seq->armed, LOOK_AGAIN_US);
+        ls_host_wait(run->seq->heard, LOOK_AGAIN_US);
     }
     return err ? err : ls_lights_arm(run->seq->lights, run->diag);
 }

@@ -52,7 +52,7 @@ struct ls_sequencer {
     bool live;            /* subject */
     uint64_t patience_us; /* host time a step may go without its frame, stepwise */
     uint64_t stall_us;    /* without any step event while some are granted: the controller hangs */
-    sem_t *armed;         /* the cameras' threads': posted once each per program */
+    sem_t *heard;         /* the cameras' threads': as in their configuration */
     struct ls_clock *controller; /* against the host, ns; status reads are added as they come */
     const _Atomic bool *abort;
     const _Atomic int *failure; /* enum ls_err of another stage: stop; LS_OK = go on */

@@ -64,7 +64,7 @@ static enum ls_err rest(struct warming *w, uint64_t us)
     bool fired;
     do {
         err = poll_lights(w, &fired);
-        ls_host_sleep(POLL_US);
+        ls_host_rest(POLL_US);
     } while (!err && ls_host_ns() < until);
     return err;
 }
@@ -73,8 +73,8 @@ static enum ls_err fire(struct warming *w, uint32_t pulse)
 {
     bool fired = false;
     enum ls_err err = ls_lights_grant(w->warm_up->lights, pulse + 1, w->diag);
-    uint64_t timeout_us = (uint64_t)EVENT_TIMEOUT_US + w->warm_up->period_us + w->warm_up->pulse_us +
-                          w->warm_up->settle_us;
+    uint64_t timeout_us = (uint64_t)EVENT_TIMEOUT_US + w->warm_up->period_us +
+                          w->warm_up->pulse_us + w->warm_up->settle_us;
     uint64_t until = ls_host_ns() + timeout_us * 1000;
     while (!err && !fired) {
         err = poll_lights(w, &fired);
@@ -84,7 +84,7 @@ static enum ls_err fire(struct warming *w, uint32_t pulse)
                            "event for %.0f s",
                            pulse + 1, (double)timeout_us * 1e-6);
         if (!err && !fired)
-            ls_host_sleep(POLL_US);
+            ls_host_rest(POLL_US);
     }
     return err;
 }

@@ -112,26 +112,30 @@ static void accept_client(struct sim_controller *c, struct clients *clients)
     clients->fd[clients->n++] = fd;
 }
 
-static bool apply_faults(struct sim_controller *c, struct clients *clients)
+/** How long the controller stays dead, for poll(): 0 if it lives, -1 if it does not come back. */
+static int apply_faults(struct sim_controller *c, struct clients *clients)
 {
     pthread_mutex_lock(&c->lock);
-    bool disconnect = c->disconnect, dead = c->dead_until_ns && sim_now_ns() < c->dead_until_ns;
+    bool disconnect = c->disconnect;
+    uint64_t until_ns = c->dead_until_ns, now_ns = sim_now_ns();
     c->disconnect = false;
     pthread_mutex_unlock(&c->lock);
     while (disconnect && clients->n)
         close(clients->fd[--clients->n]);
-    return dead;
+    if (until_ns <= now_ns)
+        return 0;
+    return until_ns == UINT64_MAX ? -1 : (int)((until_ns - now_ns) / 1000000) + 1;
 }
 
 static void step(struct sim_controller *c, struct clients *clients)
 {
     struct pollfd fds[MAX_CLIENTS + 2] = {{c->kick_fd, POLLIN, 0}, {c->listen_fd, POLLIN, 0}};
     eventfd_t kicks;
-    bool dead = apply_faults(c, clients);
+    int dead_ms = apply_faults(c, clients);
     unsigned n = clients->n;
     for (unsigned i = 0; i < n; i++)
         fds[2 + i] = (struct pollfd){clients->fd[i], POLLIN, 0};
-    if (poll(fds, dead ? 1 : 2 + n, dead ? 10 : -1) <= 0)
+    if (poll(fds, dead_ms ? 1 : 2 + n, dead_ms ? dead_ms : -1) <= 0)
         return;
     if (fds[0].revents)
         eventfd_read(c->kick_fd, &kicks);

@@ -30,9 +30,9 @@ enum {
 struct sim_gvcp {
     struct sim_registers *registers;
     struct sim_gvcp_hooks hooks;
-    int socket, broadcast, quit;
+    int socket, broadcast, kick; /* kick: to quit, or to lose the controller now */
     pthread_t thread;
-    atomic_bool silent, release;
+    atomic_bool silent, release, quit;
     bool controlled;
     struct sockaddr_in controller;
     uint64_t heard_ns;
@@ -69,11 +69,18 @@ static void lose_controller(struct sim_gvcp *g)
     g->hooks.released(g->hooks.user);
 }
 
-static void check_heartbeat(struct sim_gvcp *g)
+/** How long the controller may stay silent from now; 0: too long already. */
+static uint64_t patience_ns(const struct sim_gvcp *g)
 {
     uint64_t limit_ns = sim_registers_get(g->registers, SIM_REG_HEARTBEAT_MS) * 1000000ull;
+    uint64_t silent_ns = sim_now_ns() - g->heard_ns;
+    return silent_ns > limit_ns ? 0 : limit_ns - silent_ns;
+}
+
+static void check_heartbeat(struct sim_gvcp *g)
+{
     bool released = atomic_exchange(&g->release, false);
-    if (g->controlled && (released || sim_now_ns() - g->heard_ns > limit_ns))
+    if (g->controlled && (released || !patience_ns(g)))
         lose_controller(g);
 }
 
@@ -232,20 +239,21 @@ static void serve(struct sim_gvcp *g, int fd)
 static void *serve_until_quit(void *user)
 {
     struct sim_gvcp *g = user;
-    struct pollfd fds[] = {{g->quit, POLLIN, 0}, {g->socket, POLLIN, 0}, {g->broadcast, POLLIN, 0}};
-    for (;;) {
-        int n = poll(fds, 3, 100);
+    struct pollfd fds[] = {{g->kick, POLLIN, 0}, {g->socket, POLLIN, 0}, {g->broadcast, POLLIN, 0}};
+    eventfd_t kicks;
+    while (!atomic_load(&g->quit)) {
+        int n = poll(fds, 3, g->controlled ? (int)(patience_ns(g) / 1000000) + 1 : -1);
         if (n < 0 && errno != EINTR)
             return NULL;
         if (n > 0 && fds[0].revents)
-            return NULL;
+            eventfd_read(g->kick, &kicks);
         if (n > 0 && fds[1].revents)
             serve(g, g->socket);
         if (n > 0 && fds[2].revents)
             serve(g, g->broadcast);
-        if (n == 0)
-            check_heartbeat(g);
+        check_heartbeat(g);
     }
+    return NULL;
 }
 
 static int bound_socket(uint32_t ip_address, bool shared)
@@ -282,8 +290,8 @@ static void close_all(struct sim_gvcp *g)
         close(g->socket);
     if (g->broadcast >= 0)
         close(g->broadcast);
-    if (g->quit >= 0)
-        close(g->quit);
+    if (g->kick >= 0)
+        close(g->kick);
     free(g);
 }
 
@@ -297,12 +305,12 @@ enum ls_err sim_gvcp_create(uint32_t ip_address, struct sim_registers *registers
     enum ls_err err = LS_OK;
     g->registers = registers;
     g->hooks = *hooks;
-    g->quit = eventfd(0, EFD_CLOEXEC);
+    g->kick = eventfd(0, EFD_CLOEXEC);
     g->broadcast = bound_socket(INADDR_BROADCAST, true);
     g->socket = bound_socket(ip_address, false);
     if (g->socket < 0)
         err = fail_bind(ip_address, diag);
-    else if (g->quit < 0 || pthread_create(&g->thread, NULL, serve_until_quit, g))
+    else if (g->kick < 0 || pthread_create(&g->thread, NULL, serve_until_quit, g))
         err = ls_fail(diag, LS_ERR_OS, "camera: cannot start its control thread");
     if (err) {
         close_all(g);
@@ -320,13 +328,15 @@ void sim_gvcp_silence(struct sim_gvcp *g)
 void sim_gvcp_release(struct sim_gvcp *g)
 {
     atomic_store(&g->release, true);
+    eventfd_write(g->kick, 1);
 }
 
 void sim_gvcp_destroy(struct sim_gvcp *g)
 {
     if (!g)
         return;
-    eventfd_write(g->quit, 1);
+    atomic_store(&g->quit, true);
+    eventfd_write(g->kick, 1);
     pthread_join(g->thread, NULL);
     close_all(g);
 }

@@ -33,7 +33,7 @@ LS_MUST_CHECK enum ls_err sim_gvcp_create(uint32_t ip_address, struct sim_regist
 /** Answer nothing from now on: the cable is out. */
 void sim_gvcp_silence(struct sim_gvcp *gvcp);
 
-/** Forget the controller as a power cycle does. Takes effect before the next command. */
+/** Forget the controller as a power cycle does. */
 void sim_gvcp_release(struct sim_gvcp *gvcp);
 
 /** NULL is allowed. */

@@ -329,11 +329,11 @@ static enum ls_err create_stream(struct aravis *a, ArvGvStreamOption options,
 
 /** Aravis binds its packet socket before it filters it: what else passes the interface in between
  * (another camera's stream) is taken for ours, and frame ids below those it saw are then thrown
- * away as late. The camera does not send yet, so any packet at all is such a stray. */
+ * away as late. The camera does not send yet, so any packet at all is such a stray; that none comes
+ * is known only by listening for a while. */
 static bool heard_strays(struct aravis *a)
 {
-    struct timespec rest = {0, SETTLE_MS * 1000000};
-    nanosleep(&rest, NULL);
+    nanosleep(&(struct timespec){.tv_nsec = SETTLE_MS * 1000000}, NULL);
     return arv_stream_get_info_uint64_by_name(a->stream, "n_received_packets") > 0;
 }
 

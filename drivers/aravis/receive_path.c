@@ -86,11 +86,11 @@ void ls_aravis_describe_receive_path(ArvGvStreamOption options, struct ls_camera
 
 enum ls_err ls_aravis_wait_receive_path(const char *address, uint16_t port, struct ls_diag *diag)
 {
+    /* neither Aravis nor the kernel tells when a filter is attached: look each millisecond */
     for (int ms = 0; ms < WAIT_MS; ms++) {
-        struct timespec rest = {0, 1000000};
         if (receives(port))
             return LS_OK;
-        nanosleep(&rest, NULL);
+        nanosleep(&(struct timespec){.tv_nsec = 1000000}, NULL);
     }
     return ls_fail(diag, LS_ERR_OS, "camera %s: no packet socket listens for port %u after %d ms",
                    address, port, WAIT_MS);

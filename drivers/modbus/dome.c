@@ -210,7 +210,8 @@ static void pause_ms(unsigned ms)
     nanosleep(&(struct timespec){.tv_sec = ms / 1000, .tv_nsec = ms % 1000 * 1000000L}, NULL);
 }
 
-/* until the controller is not getting ready any more, for this program or one given up before */
+/* until the controller is not getting ready any more, for this program or one given up before; it
+ * cannot tell on its own, so it is asked every WAIT_MS */
 static enum ls_err wait_prepared(struct dome *dome, const _Atomic bool *stop,
                                  uint16_t status[LS_WIRE_STATUS_SIZE], struct ls_diag *diag)
 {
