@@ -192,7 +192,7 @@ static gpointer look(gpointer data)
     while (!g_atomic_int_get(&watch->stop)) {
         size_t now = anonymous_bytes();
         watch->most = now > watch->most ? now : watch->most;
-        g_usleep(500);
+        g_usleep(500); /* the kernel keeps no peak of anonymous memory: it is sampled */
     }
     return NULL;
 }

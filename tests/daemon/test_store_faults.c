@@ -152,7 +152,7 @@ static void test_kill(void)
             _exit(shoot(root, NULL, promises, NULL) ? 1 : 0);
         while (!promises->created)
             g_thread_yield();
-        g_usleep((gulong)g_rand_int_range(rand, 0, 20000));
+        g_usleep((gulong)g_rand_int_range(rand, 0, 20000)); /* the moment is what varies */
         kill(child, SIGKILL);
         int status;
         g_assert_cmpint(waitpid(child, &status, 0), ==, child);
