@@ -1,7 +1,7 @@
 #!/usr/bin/python3 -B
 """Enforce the layers of the house: who includes whom, what core may call, headers compile alone.
 
-usage: layers.py SOURCE_ROOT BUILD_ROOT [--cc CC]     speaks TAP
+usage: layers.py SOURCE_ROOT BUILD_ROOT [--cc COMMAND...]     speaks TAP
 """
 import concurrent.futures
 import os
@@ -67,7 +67,7 @@ def check_top_level(root):
 
 def compiles(arguments):
     cc, flags, root, path = arguments
-    done = subprocess.run([cc, "-fsyntax-only", "-std=gnu11", "-D_GNU_SOURCE", "-Wall", "-Wno-unused", "-Werror",
+    done = subprocess.run([*cc, "-fsyntax-only", "-std=gnu11", "-D_GNU_SOURCE", "-Wall", "-Wno-unused", "-Werror",
                            "-I", root, *flags, "-x", "c", path], capture_output=True, text=True)
     return [] if done.returncode == 0 else [f"{os.path.relpath(path, root)} does not compile alone: "
                                             f"{(done.stderr.splitlines() or ['?'])[0]}"]
@@ -91,7 +91,7 @@ def check_readmes(root):
 
 def main():
     root, build = os.path.abspath(sys.argv[1]), os.path.abspath(sys.argv[2])
-    cc = sys.argv[4] if len(sys.argv) > 4 else "gcc"
+    cc = sys.argv[4:] or ["gcc"]
     checks = [
         ("every include stays within its layer", lambda: check_includes(root)),
         ("core calls no descriptors, threads or GLib", lambda: check_core_symbols(build)),
