@@ -21,7 +21,7 @@ struct fetch_job {
     struct ls_field_source *source; /* from the first step on */
     char take[128], channel_name[32];
     uint32_t camera;
-    bool full_sphere, rgb, estimate, half;
+    bool started, full_sphere, rgb, estimate, half;
     struct ls_demosaic_region region;
     uint32_t *lights;       /* NULL = all, until the first step */
     size_t n_lights, light; /* current index */
@@ -80,8 +80,9 @@ static enum ls_err choose_lights(struct fetch_job *self, struct ls_diag *diag)
 
 static enum ls_err start(struct fetch_job *self, struct ls_diag *diag)
 {
-    enum ls_err err =
-        ls_field_cache_get(self->cache, self->take, self->camera, &self->source, diag);
+    enum ls_err err = self->source ? LS_OK /* it waited for maps */
+                                   : ls_field_cache_get(self->cache, self->take, self->camera,
+                                                        &self->source, diag);
     if (err)
         return err;
     int channel = ls_take_facts_channel(self->source->facts, self->channel_name);
@@ -93,7 +94,10 @@ static enum ls_err start(struct fetch_job *self, struct ls_diag *diag)
     if (!err && !self->full_sphere)
         err = ls_promotion_find(self->source, &self->promotion, self->channel, &self->job,
                                 &self->way, diag);
-    return err ? err : choose_lights(self, diag);
+    if (!err)
+        err = choose_lights(self, diag);
+    self->started = !err;
+    return err;
 }
 
 /* ---- one band ---- */
@@ -333,7 +337,7 @@ static enum ls_err fetch_step(struct ls_job *job, struct ls_chunk *chunk, bool *
                               struct ls_diag *diag)
 {
     struct fetch_job *self = (struct fetch_job *)job;
-    enum ls_err err = self->source ? make_band(self, chunk, last, diag) : start(self, diag);
+    enum ls_err err = self->started ? make_band(self, chunk, last, diag) : start(self, diag);
     return err ? err : ls_field_source_sound(self->source, *last, diag);
 }
 

@@ -16,15 +16,18 @@ struct entry {
 struct ls_field_cache {
     const char *storage;
     unsigned n_idle;
+    uint64_t spare_bytes;
     GMutex lock;
     GQueue entries; /* struct entry, last used first */
 };
 
-struct ls_field_cache *ls_field_cache_create(const char *storage, unsigned n_idle)
+struct ls_field_cache *ls_field_cache_create(const char *storage, unsigned n_idle,
+                                             uint64_t spare_bytes)
 {
     struct ls_field_cache *cache = g_new0(struct ls_field_cache, 1);
     cache->storage = storage;
     cache->n_idle = n_idle;
+    cache->spare_bytes = spare_bytes;
     g_mutex_init(&cache->lock);
     g_queue_init(&cache->entries);
     return cache;
@@ -83,6 +86,7 @@ static enum ls_err add(struct ls_field_cache *cache, const char *take, uint32_t 
     if (err)
         return err;
     struct entry *entry = g_new0(struct entry, 1);
+    source->spare_bytes = cache->spare_bytes;
     *entry = (struct entry){.source = source, .journal_bytes = bytes};
     g_queue_push_head(&cache->entries, entry);
     *out = entry;

@@ -13,8 +13,10 @@
 struct ls_field_cache;
 
 /** Keep up to @n_idle sources that nobody uses; their maps take room in the storage folder
- * (daemon/field_maps.h). @storage: (transfer none). (transfer full). */
-struct ls_field_cache *ls_field_cache_create(const char *storage, unsigned n_idle);
+ * (daemon/field_maps.h), whose disk keeps @spare_bytes free. @storage: (transfer none). (transfer
+ * full). */
+struct ls_field_cache *ls_field_cache_create(const char *storage, unsigned n_idle,
+                                             uint64_t spare_bytes);
 
 /** Opened now or before; opened anew if since then the take's journal has grown or a picture has
  * changed its length. Errors: those of

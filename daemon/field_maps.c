@@ -18,10 +18,8 @@ struct entry {
     struct ls_map_file file;
 };
 
-enum { LOOK_US = 100000 }; /* for a cancelled asker, while another makes maps */
-
 struct ls_field_maps {
-    GMutex lock; /* of `making`, and of entries while nobody does */
+    GMutex lock; /* of all below, but an entry's map once it is there */
     GCond made;
     bool making;
     struct entry entry[LS_MAP_KINDS][LS_FIELD_MAX_SPECTRA];
@@ -67,7 +65,22 @@ static enum ls_err entry_open(const struct ls_field_source *source, struct entry
 {
     size_t floats = (size_t)source->width * source->height * depth;
     entry->map.depth = depth;
-    return ls_map_file_create(&entry->file, source->storage, floats * sizeof(float), diag);
+    return ls_map_file_create(&entry->file, source->storage, floats * sizeof(float),
+                              source->spare_bytes, diag);
+}
+
+/* What was made goes to its place, for all to see, or nowhere. */
+static void settle(struct ls_field_source *source, enum ls_err err, struct entry *made,
+                   struct entry *place)
+{
+    if (err) {
+        entry_finish(made);
+        return;
+    }
+    made->map.values = made->file.base;
+    g_mutex_lock(&source->promoted->lock);
+    *place = *made;
+    g_mutex_unlock(&source->promoted->lock);
 }
 
 /* ---- what is there ---- */
@@ -274,14 +287,8 @@ static enum ls_err make_ratios(struct ls_field_source *source, enum ls_field_map
         if (!entry[s].map.values && !ls_field_maps_possible(source, kind, s, NULL))
             r.spectra[r.n++] = s;
     enum ls_err err = run(&r, diag);
-    for (uint32_t q = 0; q < r.n; q++) {
-        if (err) {
-            entry_finish(&r.made[q]);
-            continue;
-        }
-        r.made[q].map.values = r.made[q].file.base;
-        entry[r.spectra[q]] = r.made[q];
-    }
+    for (uint32_t q = 0; q < r.n; q++)
+        settle(source, err, &r.made[q], &entry[r.spectra[q]]);
     free(r.f);
     free(r.v_rows);
     free(r.f_rows);
@@ -465,13 +472,9 @@ static enum ls_err make_linear(struct ls_field_source *source, uint32_t s,
     enum ls_err err = fit(fits, s, diag);
     for (uint32_t t = 0; t < fits->job.n_targets; t++) {
         free(fits->segments[t]);
-        if (err) {
-            entry_finish(&fits->made[t]);
-            continue;
-        }
-        note_errors(source, &fits->targets[t], &fits->made[t].map);
-        fits->made[t].map.values = fits->made[t].file.base;
-        entry[fits->targets[t].s] = fits->made[t];
+        if (!err)
+            note_errors(source, &fits->targets[t], &fits->made[t].map);
+        settle(source, err, &fits->made[t], &entry[fits->targets[t].s]);
     }
     free(fits->phi);
     free(fits);
@@ -487,16 +490,30 @@ static enum ls_err make(struct ls_field_source *source, enum ls_field_map_kind k
                                  : make_ratios(source, kind, asker, diag);
 }
 
-/* Wait until nobody makes maps; still ours to give up. */
-static enum ls_err take_turn(struct ls_field_maps *maps, const struct ls_job *asker,
-                             struct ls_diag *diag)
+/* With the lock held: the map, or the turn to make it. A job of a pool does not wait here. */
+static enum ls_err take_turn(struct ls_field_maps *maps, const struct ls_field_map *map,
+                             const struct ls_job *asker, struct ls_diag *diag)
 {
-    while (maps->making) {
-        g_cond_wait_until(&maps->made, &maps->lock, g_get_monotonic_time() + LOOK_US);
-        if (asker && ls_job_cancelled(asker))
-            return ls_fail(diag, LS_ERR_ABORTED, "cancelled");
+    while (!map->values && maps->making) {
+        if (asker && asker->pool)
+            return ls_fail(diag, LS_ERR_BUSY, "another request makes maps of this take");
+        g_cond_wait(&maps->made, &maps->lock);
     }
+    maps->making |= !map->values;
     return LS_OK;
+}
+
+static enum ls_err make_in_turn(struct ls_field_source *source, enum ls_field_map_kind kind,
+                                uint32_t s, const struct ls_job *asker, struct ls_diag *diag)
+{
+    struct ls_field_maps *maps = source->promoted;
+    enum ls_err err = make(source, kind, s, asker, diag);
+    g_mutex_lock(&maps->lock);
+    maps->making = false;
+    g_cond_broadcast(&maps->made);
+    g_mutex_unlock(&maps->lock);
+    ls_job_wake_others(asker);
+    return err;
 }
 
 enum ls_err ls_field_maps_get(struct ls_field_source *source, enum ls_field_map_kind kind,
@@ -509,16 +526,11 @@ enum ls_err ls_field_maps_get(struct ls_field_source *source, enum ls_field_map_
     if (err)
         return err;
     g_mutex_lock(&maps->lock);
-    err = take_turn(maps, asker, diag);
-    if (!err && !map->values) {
-        maps->making = true;
-        g_mutex_unlock(&maps->lock);
-        err = make(source, kind, s, asker, diag);
-        g_mutex_lock(&maps->lock);
-        maps->making = false;
-        g_cond_broadcast(&maps->made);
-    }
+    err = take_turn(maps, map, asker, diag);
+    bool ours = !err && !map->values;
     g_mutex_unlock(&maps->lock);
+    if (ours)
+        err = make_in_turn(source, kind, s, asker, diag);
     if (!err)
         err = ls_field_source_sound(source, false, diag);
     *out = map;

@@ -1,7 +1,7 @@
 /*
  * field_maps: what promotes a take's field, pixel by pixel, made once and kept beside the take.
- * Layer: daemon. Threads: any; one makes maps at a time, others that need one wait. Ownership: a
- * source's; a map lives as long as its source.
+ * Layer: daemon. Threads: any; of one take, one makes maps at a time. Ownership: a source's; a map
+ * lives as long as its source.
  *
  * Maps lie in nameless files of the storage folder (daemon/map_file.h). They do not depend on bands
  * or threads.
@@ -56,9 +56,11 @@ LS_MUST_CHECK enum ls_err ls_field_maps_possible(const struct ls_field_source *s
 /**
  * The map of spectrum @s (not 0); the first call makes it, and those of every other spectrum that
  * the same pass over the field serves (of matrices: the same division of the dome); later ones
- * return at once. Making, or waiting for another who does, ends with LS_ERR_ABORTED soon after
- * @asker (or NULL) is cancelled; nothing is left half made. Other errors: those of
- * ls_field_maps_possible, ls_field_source_sound, ls_map_file_create and core. (transfer none).
+ * return at once, even while others are made. While another makes maps of this take, an @asker that
+ * a pool steps (daemon/job.h) gets LS_ERR_BUSY and is woken when they are made or given up, so that
+ * it holds no thread; any other waits here. Making ends with LS_ERR_ABORTED soon after @asker (or
+ * NULL) is cancelled; nothing is left half made. Other errors: those of ls_field_maps_possible,
+ * ls_field_source_sound, ls_map_file_create and core. (transfer none).
  */
 LS_MUST_CHECK enum ls_err ls_field_maps_get(struct ls_field_source *source,
                                             enum ls_field_map_kind kind, uint32_t s,

@@ -53,6 +53,7 @@ struct ls_field_maps;
 
 struct ls_field_source {
     char take[128], storage[4096];
+    uint64_t spare_bytes; /* of the disk, that maps leave free; whoever opens it says */
     uint32_t camera;
     struct ls_take_facts *facts;
     uint32_t width, height;

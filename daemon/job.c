@@ -7,6 +7,7 @@ struct ticket {
     struct ls_job *job; /* NULL: the thread ends */
     ls_job_done *done;
     void *user;
+    int calls; /* of the pool, when the step began */
     struct ls_job_result result;
 };
 
@@ -15,21 +16,84 @@ struct ls_job_pool {
     GThread **threads;
     unsigned n_threads;
     unsigned outstanding; /* ls-main only */
+    GQueue waiting;       /* struct ticket; ls-main only */
+    bool ending;          /* ls-main only */
+    int calls;            /* atomic: how often somebody was woken */
+    int calls_posted;     /* atomic: those ls-main has not seen yet */
 };
-
-void ls_job_cancel(struct ls_job *job)
-{
-    g_atomic_int_set(&job->cancelled, 1);
-}
 
 bool ls_job_cancelled(const struct ls_job *job)
 {
     return g_atomic_int_get(&job->cancelled) != 0;
 }
 
+/* Not g_main_context_invoke: it would call @function here whenever ls-main is between iterations.
+ */
+static void post(GSourceFunc function, gpointer data)
+{
+    GSource *source = g_idle_source_new();
+    g_source_set_priority(source, G_PRIORITY_DEFAULT);
+    g_source_set_callback(source, function, data, NULL);
+    g_source_attach(source, NULL);
+    g_source_unref(source);
+}
+
+/* ---- waiting ---- */
+
+static gboolean wake(gpointer data)
+{
+    struct ls_job_pool *pool = data;
+    for (struct ticket *ticket; (ticket = g_queue_pop_head(&pool->waiting));)
+        g_async_queue_push(pool->work, ticket);
+    g_atomic_int_add(&pool->calls_posted, -1);
+    return G_SOURCE_REMOVE;
+}
+
+/* A step that began before this and found nothing has not reported yet, and sees `calls` then; or
+ * it has, and waits for the source. */
+static void call(struct ls_job_pool *pool)
+{
+    g_atomic_int_inc(&pool->calls_posted);
+    g_atomic_int_inc(&pool->calls);
+    post(wake, pool);
+}
+
+void ls_job_wake_others(const struct ls_job *job)
+{
+    if (job && job->pool)
+        call(job->pool);
+}
+
+void ls_job_cancel(struct ls_job *job)
+{
+    g_atomic_int_set(&job->cancelled, 1);
+    ls_job_wake_others(job);
+}
+
+/* False: it ends here. */
+static bool park(struct ticket *ticket)
+{
+    struct ls_job_pool *pool = ticket->pool;
+    struct ls_job_result *result = &ticket->result;
+    if (pool->ending || ls_job_cancelled(ticket->job)) {
+        result->err = ls_fail(&result->diag, LS_ERR_ABORTED, "cancelled by the client");
+        return false;
+    }
+    result->err = LS_OK;
+    if (ticket->calls != g_atomic_int_get(&pool->calls))
+        g_async_queue_push(pool->work, ticket);
+    else
+        g_queue_push_tail(&pool->waiting, ticket);
+    return true;
+}
+
+/* ---- steps ---- */
+
 static gboolean report(gpointer data)
 {
     struct ticket *ticket = data;
+    if (ticket->result.err == LS_ERR_BUSY && park(ticket))
+        return G_SOURCE_REMOVE;
     ticket->pool->outstanding--;
     ticket->done(ticket->user, ticket->job, &ticket->result);
     ls_chunk_finish(&ticket->result.chunk);
@@ -40,21 +104,12 @@ static gboolean report(gpointer data)
 static void step(struct ticket *ticket)
 {
     struct ls_job_result *result = &ticket->result;
+    ticket->calls = g_atomic_int_get(&ticket->pool->calls);
     if (ls_job_cancelled(ticket->job))
         result->err = ls_fail(&result->diag, LS_ERR_ABORTED, "cancelled by the client");
     else
         result->err =
             ticket->job->ops->step(ticket->job, &result->chunk, &result->last, &result->diag);
-}
-
-/* Not g_main_context_invoke: it would call report here whenever ls-main is between iterations. */
-static void post(struct ticket *ticket)
-{
-    GSource *source = g_idle_source_new();
-    g_source_set_priority(source, G_PRIORITY_DEFAULT);
-    g_source_set_callback(source, report, ticket, NULL);
-    g_source_attach(source, NULL);
-    g_source_unref(source);
 }
 
 static gpointer serve(gpointer data)
@@ -67,7 +122,7 @@ static gpointer serve(gpointer data)
             return NULL;
         }
         step(ticket);
-        post(ticket);
+        post(report, ticket);
     }
 }
 
@@ -75,6 +130,7 @@ struct ls_job_pool *ls_job_pool_create(unsigned n_threads)
 {
     struct ls_job_pool *pool = g_new0(struct ls_job_pool, 1);
     pool->work = g_async_queue_new();
+    g_queue_init(&pool->waiting);
     pool->n_threads = n_threads;
     pool->threads = g_new0(GThread *, n_threads);
     for (unsigned i = 0; i < n_threads; i++) {
@@ -89,6 +145,7 @@ void ls_job_pool_step(struct ls_job_pool *pool, struct ls_job *job, ls_job_done 
 {
     struct ticket *ticket = g_new0(struct ticket, 1);
     *ticket = (struct ticket){.pool = pool, .job = job, .done = done, .user = user};
+    job->pool = pool;
     pool->outstanding++;
     g_async_queue_push(pool->work, ticket);
 }
@@ -97,11 +154,16 @@ void ls_job_pool_destroy(struct ls_job_pool *pool)
 {
     if (!pool)
         return;
+    pool->ending = true;
+    for (struct ticket *ticket; (ticket = g_queue_pop_head(&pool->waiting));) {
+        ticket->result.err = LS_ERR_BUSY;
+        post(report, ticket);
+    }
     for (unsigned i = 0; i < pool->n_threads; i++)
         g_async_queue_push(pool->work, g_new0(struct ticket, 1));
     for (unsigned i = 0; i < pool->n_threads; i++)
         g_thread_join(pool->threads[i]);
-    while (pool->outstanding > 0)
+    while (pool->outstanding > 0 || g_atomic_int_get(&pool->calls_posted) > 0)
         g_main_context_iteration(NULL, TRUE);
     g_async_queue_unref(pool->work);
     g_free(pool->threads);

@@ -4,7 +4,9 @@
  * waits and to the thread that steps it while it is stepped.
  *
  * A step makes at most one frame and returns; nobody asks for the next until the client has taken
- * most of the last. So a stalled client holds a parked job and one frame, never a thread.
+ * most of the last. So a stalled client holds a parked job and one frame, never a thread. Nor does
+ * a job that needs what another is making: its step says so with LS_ERR_BUSY, and it is stepped
+ * again once that is there (ls_job_wake_others).
  */
 #ifndef LS_DAEMON_JOB_H
 #define LS_DAEMON_JOB_H
@@ -21,8 +23,9 @@ struct ls_job;
 struct ls_job_ops {
     const char *name;
     /** ls-serve. Make the next frame, or none (leave @chunk zero) to be called again; set *last
-     * with the last frame, which carries LS_FRAME_LAST. An error ends the job; what it left in
-     * @chunk is freed. Long steps look at ls_job_cancelled now and then. */
+     * with the last frame, which carries LS_FRAME_LAST. LS_ERR_BUSY: wait, @chunk left zero. Any
+     * other error ends the job; what it left in @chunk is freed. Long steps look at
+     * ls_job_cancelled now and then. */
     enum ls_err (*step)(struct ls_job *job, struct ls_chunk *chunk, bool *last,
                         struct ls_diag *diag);
     /** Any thread, once, when nobody steps it. */
@@ -33,12 +36,17 @@ struct ls_job_ops {
 struct ls_job {
     const struct ls_job_ops *ops;
     uint32_t request;
-    int cancelled; /* atomic */
+    int cancelled;            /* atomic */
+    struct ls_job_pool *pool; /* that steps it; NULL: a thread of its own may block */
 };
 
-/** Any thread. */
+/** Any thread. A waiting job ends. */
 void ls_job_cancel(struct ls_job *job);
 bool ls_job_cancelled(const struct ls_job *job);
+
+/** Any thread that steps @job: what others of its pool wait for may be there. Wakes them all; who
+ * has nothing to go on with says LS_ERR_BUSY again. NULL is allowed. */
+void ls_job_wake_others(const struct ls_job *job);
 
 /** What a step came to. */
 struct ls_job_result {
@@ -57,11 +65,12 @@ struct ls_job_pool;
 /** Start @n_threads threads that report to the default main context. (transfer full). */
 struct ls_job_pool *ls_job_pool_create(unsigned n_threads);
 
-/** ls-main. Step @job once on some thread, then call @done with @user. */
+/** ls-main. Step @job once on some thread, again for as long as it waits, then call @done with
+ * @user. A job cancelled while it waits ends with LS_ERR_ABORTED. */
 void ls_job_pool_step(struct ls_job_pool *pool, struct ls_job *job, ls_job_done *done, void *user);
 
-/** ls-main. Finish what is queued (jobs should be cancelled first), report it, end the threads.
- * NULL is allowed. */
+/** ls-main. Finish what is queued (jobs should be cancelled first), report it, end the threads;
+ * who waits ends with LS_ERR_ABORTED. NULL is allowed. */
 void ls_job_pool_destroy(struct ls_job_pool *pool);
 
 #endif

@@ -124,7 +124,8 @@ static enum ls_err prepare(struct daemon *d, const struct options *o, struct ls_
 static enum ls_err listen_for_clients(struct daemon *d, struct ls_diag *diag)
 {
     const struct ls_server_config server = {.socket_path = d->config->socket_path,
-                                            .storage = d->config->storage};
+                                            .storage = d->config->storage,
+                                            .spare_bytes = d->config->reserve_bytes};
     return ls_server_create(&server, d->engine, &d->server, diag);
 }
 

@@ -7,6 +7,7 @@
 #include <stdlib.h>
 #include <string.h>
 #include <sys/mman.h>
+#include <sys/statvfs.h>
 #include <unistd.h>
 
 /* Not every file system knows files without a name. */
@@ -37,12 +38,33 @@ static enum ls_err failed(const char *folder, size_t bytes, int error, struct ls
                    (double)bytes / 1e6, strerror(error));
 }
 
-enum ls_err ls_map_file_create(struct ls_map_file *map, const char *folder, size_t bytes,
+/* Takes in the making have their room already (daemon/take_folder.h). */
+static enum ls_err check_spare(int fd, const char *folder, size_t bytes, uint64_t spare_bytes,
                                struct ls_diag *diag)
+{
+    struct statvfs disk;
+    if (fstatvfs(fd, &disk))
+        return failed(folder, bytes, errno, diag);
+    double room = (double)disk.f_bavail * (double)disk.f_frsize;
+    if ((double)bytes + (double)spare_bytes <= room)
+        return LS_OK;
+    return ls_fail(diag, LS_ERR_FULL,
+                   "%s: no room for a map of %.1f MB of promoted pixels: %.1f MB stay reserved and "
+                   "%.1f MB are free",
+                   folder, (double)bytes / 1e6, (double)spare_bytes / 1e6, room / 1e6);
+}
+
+enum ls_err ls_map_file_create(struct ls_map_file *map, const char *folder, size_t bytes,
+                               uint64_t spare_bytes, struct ls_diag *diag)
 {
     int fd = open_unnamed(folder);
     if (fd < 0)
         return failed(folder, bytes, errno, diag);
+    enum ls_err err = check_spare(fd, folder, bytes, spare_bytes, diag);
+    if (err) {
+        close(fd);
+        return err;
+    }
     int error = posix_fallocate(fd, 0, (off_t)bytes);
     void *base = error ? MAP_FAILED : mmap(NULL, bytes, PROT_READ | PROT_WRITE, MAP_SHARED, fd, 0);
     if (!error && base == MAP_FAILED)

@@ -13,15 +13,18 @@
 #include "core/error.h"
 
 #include <stddef.h>
+#include <stdint.h>
 
 struct ls_map_file {
     void *base;
     size_t bytes;
 };
 
-/** @bytes > 0 of zeros in @folder. Errors: LS_ERR_FULL (the disk), LS_ERR_OS, naming the folder. */
+/** @bytes > 0 of zeros in @folder, whose disk has @spare_bytes left after that. Errors: LS_ERR_FULL
+ * (the disk), LS_ERR_OS, naming the folder. */
 LS_MUST_CHECK enum ls_err ls_map_file_create(struct ls_map_file *map, const char *folder,
-                                             size_t bytes, struct ls_diag *diag);
+                                             size_t bytes, uint64_t spare_bytes,
+                                             struct ls_diag *diag);
 
 /** Zeroed is allowed. */
 void ls_map_file_finish(struct ls_map_file *map);

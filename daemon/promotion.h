@@ -43,7 +43,7 @@ struct ls_way {
 
 /**
  * The way to @channel; its map is made if it is not there yet, which may take long: LS_ERR_ABORTED
- * soon after @asker (or NULL) is cancelled. Other errors:
+ * soon after @asker (or NULL) is cancelled, LS_ERR_BUSY as ls_field_maps_get. Other errors:
  * LS_ERR_NOT_FOUND (the plan asked for no such pictures), LS_ERR_STATE (they are missing, or their
  * pattern is not calibrated): the sentence says which, what makes them, and which models the take
  * offers for this channel; those of ls_field_maps_get.

@@ -113,8 +113,9 @@ static enum ls_err open_render(struct relight_job *self, struct ls_diag *diag)
 
 static enum ls_err start(struct relight_job *self, struct ls_diag *diag)
 {
-    enum ls_err err =
-        ls_field_cache_get(self->cache, self->take, self->camera, &self->source, diag);
+    enum ls_err err = self->source ? LS_OK /* it waited for maps */
+                                   : ls_field_cache_get(self->cache, self->take, self->camera,
+                                                        &self->source, diag);
     if (err)
         return err;
     if (self->n_lights != self->source->field.n_lights)

@@ -44,7 +44,8 @@ struct ls_render;
  * Choose ways and make what maps they need, which may take long. A term whose weights are all 0 is
  * dropped: it needs no pictures. Errors: those of ls_promotion_find; LS_ERR_STATE (lights that
  * shine lack their pictures: the sentence counts them), LS_ERR_LIMIT (too many sums; several
- * pictures that need more than 256 MiB for a band), LS_ERR_ABORTED (cancelled), LS_ERR_UNSUPPORTED
+ * pictures that need more than 256 MiB for a band), LS_ERR_ABORTED (cancelled), LS_ERR_BUSY (as
+ * ls_field_maps_get: open again later), LS_ERR_UNSUPPORTED
  * (no mosaic of what is promoted), LS_ERR_NOMEM. *out: (transfer full).
  */
 LS_MUST_CHECK enum ls_err ls_render_open(struct ls_field_source *source,

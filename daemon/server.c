@@ -99,7 +99,7 @@ enum ls_err ls_server_create(const struct ls_server_config *config, struct ls_en
     service->config.storage = server->storage;
     fill_defaults(&service->config);
     service->engine = engine;
-    service->fields = ls_field_cache_create(server->storage, IDLE_FIELDS);
+    service->fields = ls_field_cache_create(server->storage, IDLE_FIELDS, config->spare_bytes);
     service->pool = ls_job_pool_create(service->config.serve_threads);
     server->accepting = g_unix_fd_add(fd, G_IO_IN, on_connection, server);
     server->ticking = g_timeout_add(TICK_MS, on_tick, server);

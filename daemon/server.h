@@ -26,6 +26,7 @@ struct ls_server_config {
     unsigned hello_ms;        /* for the first message [10000] */
     unsigned stall_ms;        /* without progress while something waits [30000] */
     uint64_t max_payload;     /* of a request [1 MiB] */
+    uint64_t spare_bytes;     /* of the storage's disk, that maps of promotion leave free [0] */
 };
 
 struct ls_server;

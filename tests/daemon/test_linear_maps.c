@@ -255,7 +255,7 @@ static void a_cancelled_asker_leaves_no_map(struct room *room, gconstpointer dat
 
 static void a_cancelled_fetch_makes_no_map(struct room *room, gconstpointer data)
 {
-    struct ls_field_cache *cache = ls_field_cache_create(room->take->root, 1);
+    struct ls_field_cache *cache = ls_field_cache_create(room->take->root, 1, 0);
     Lightstage__Fetch fetch = LIGHTSTAGE__FETCH__INIT;
     struct ls_job *job = NULL;
     struct ls_chunk chunk = {0};

@@ -672,11 +672,11 @@ static void a_map_that_finds_no_room_is_an_error(void)
 {
     struct ls_map_file map = {0};
     struct ls_diag diag = {0};
-    g_assert_cmpint(ls_map_file_create(&map, g_get_tmp_dir(), (size_t)1 << 60, &diag), ==,
+    g_assert_cmpint(ls_map_file_create(&map, g_get_tmp_dir(), (size_t)1 << 60, 0, &diag), ==,
                     LS_ERR_FULL);
     g_assert_nonnull(strstr(diag.text, "no room"));
     g_assert_null(map.base);
-    g_assert_cmpint(ls_map_file_create(&map, g_get_tmp_dir(), 10000, &diag), ==, LS_OK);
+    g_assert_cmpint(ls_map_file_create(&map, g_get_tmp_dir(), 10000, 0, &diag), ==, LS_OK);
     ((char *)map.base)[9999] = 1;
     ls_map_file_finish(&map);
 }
