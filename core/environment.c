@@ -13,14 +13,6 @@ void ls_latlong_direction(double u, double v, double d[3])
     d[2] = -sin(theta) * cos(phi);
 }
 
-void ls_latlong_uv(const double d[3], double *u, double *v)
-{
-    *v = acos(fmin(1, fmax(-1, d[1]))) / M_PI;
-    *u = 0.5 + atan2(d[0], -d[2]) / (2 * M_PI);
-    if (*u >= 1)
-        *u = 0;
-}
-
 double ls_lobe_radiance(const struct ls_lobe *lobe, const double d[3])
 {
     double cosine =
@@ -59,31 +51,6 @@ void ls_frame_about(const double z[3], double x[3], double y[3])
     y[0] = z[1] * x[2] - z[2] * x[1];
     y[1] = z[2] * x[0] - z[0] * x[2];
     y[2] = z[0] * x[1] - z[1] * x[0];
-}
-
-void ls_lobes_eval(const struct ls_lobes *lobes, const double d[3], struct ls_spectrum *out)
-{
-    memset(out, 0, sizeof *out);
-    for (size_t l = 0; l < lobes->n; l++) {
-        double a = ls_lobe_radiance(&lobes->item[l], d);
-        for (int i = 0; i < LS_SPECTRUM_N; i++)
-            out->v[i] += a * lobes->item[l].spectrum.v[i];
-    }
-}
-
-static uint32_t texel(double t, uint32_t n)
-{
-    double x = floor(t * n);
-    return x < 0 ? 0 : x >= n ? n - 1 : (uint32_t)x;
-}
-
-void ls_map_eval(const struct ls_map *map, const double d[3], double rgb[3])
-{
-    double u, v;
-    ls_latlong_uv(d, &u, &v);
-    size_t at = (size_t)texel(v, map->height) * map->width + texel(u, map->width);
-    for (int c = 0; c < 3; c++)
-        rgb[c] = (double)map->rgb[3 * at + (size_t)c];
 }
 
 enum ls_err ls_map_check(const struct ls_map *map, struct ls_diag *diag)

@@ -69,19 +69,10 @@ double ls_lobe_quantile(const struct ls_lobe *lobe, double q);
 /** Unit vectors @x, @y that make a right-handed frame with the unit vector @z. RT-safe. */
 void ls_frame_about(const double z[3], double x[3], double y[3]);
 
-/** Spectral radiance from direction @d (unit): the sum over lobes. RT-safe. */
-void ls_lobes_eval(const struct ls_lobes *lobes, const double d[3], struct ls_spectrum *out);
-
 /** Sizes within 1 .. LS_MAP_MAX_SIDE and every value finite? LS_ERR_INVALID names the texel. */
 LS_MUST_CHECK enum ls_err ls_map_check(const struct ls_map *map, struct ls_diag *diag);
 
-/** Radiance of the texel that holds direction @d (unit), no interpolation. RT-safe. */
-void ls_map_eval(const struct ls_map *map, const double d[3], double rgb[3]);
-
 /** Direction of (u, v), both in [0, 1]. RT-safe. */
 void ls_latlong_direction(double u, double v, double d[3]);
-
-/** (u, v) of a unit direction: u in [0, 1), v in [0, 1]. RT-safe. */
-void ls_latlong_uv(const double d[3], double *u, double *v);
 
 #endif

@@ -206,25 +206,3 @@ enum ls_err ls_lighting_solver_run(const struct ls_lighting_solver *solver, cons
         *out = solution;
     return err;
 }
-
-enum ls_err ls_lighting_solve(const struct ls_lighting *lighting, const double *targets,
-                              size_t n_targets, double *alpha, struct ls_lighting_solution *out,
-                              struct ls_diag *diag)
-{
-    struct ls_lighting_solver *solver;
-    enum ls_err err = ls_lighting_solver_create(lighting, n_targets, &solver, diag);
-    if (!err)
-        err = ls_lighting_solver_run(solver, targets, alpha, out, diag);
-    ls_lighting_solver_destroy(solver);
-    return err;
-}
-
-void ls_lighting_targets(const struct ls_spectrum *reflectances, size_t n_patches,
-                         const struct ls_spectrum *sensitivities, size_t n_channels,
-                         const struct ls_spectrum *light, double *targets)
-{
-    for (size_t p = 0; p < n_patches; p++)
-        for (size_t c = 0; c < n_channels; c++)
-            targets[p * n_channels + c] =
-                ls_spectrum_dot3(light, &reflectances[p], &sensitivities[c]);
-}

@@ -13,7 +13,6 @@
 
 #include "core/error.h"
 #include "core/solve.h"
-#include "core/spectrum.h"
 
 #include <stddef.h>
 
@@ -83,19 +82,5 @@ LS_MUST_CHECK enum ls_err ls_lighting_solver_run(const struct ls_lighting_solver
                                                  const double *targets, double *alpha,
                                                  struct ls_lighting_solution *out,
                                                  struct ls_diag *diag);
-
-/** Create, run, destroy. */
-LS_MUST_CHECK enum ls_err ls_lighting_solve(const struct ls_lighting *lighting,
-                                            const double *targets, size_t n_targets, double *alpha,
-                                            struct ls_lighting_solution *out, struct ls_diag *diag);
-
-/**
- * P_pc = integral of light x reflectance_p x sensitivity_c: what the camera reads of a chart of
- * Lambertian patches under constant radiance @light. @sensitivities are in units such that a
- * 100 % Lambertian reads ls_spectrum_dot(light, sensitivity). targets[n_patches][n_channels].
- */
-void ls_lighting_targets(const struct ls_spectrum *reflectances, size_t n_patches,
-                         const struct ls_spectrum *sensitivities, size_t n_channels,
-                         const struct ls_spectrum *light, double *targets);
 
 #endif

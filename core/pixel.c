@@ -206,13 +206,3 @@ const char *ls_cfa_name(enum ls_cfa cfa)
 {
     return (unsigned)cfa < sizeof cfa_names / sizeof *cfa_names ? cfa_names[cfa] : "unknown";
 }
-
-int ls_cfa_by_name(const char *name, enum ls_cfa *out)
-{
-    for (unsigned i = 0; name && i < sizeof cfa_names / sizeof *cfa_names; i++)
-        if (!strcmp(cfa_names[i], name)) {
-            *out = (enum ls_cfa)i;
-            return 0;
-        }
-    return -1;
-}

@@ -84,7 +84,4 @@ unsigned ls_cfa_period_px(enum ls_cfa cfa);
 /** "none", "RGGB", ... as in the attribute lightstage/cfa. Never NULL. RT-safe. */
 const char *ls_cfa_name(enum ls_cfa cfa);
 
-/** The inverse of ls_cfa_name into @out; 0, or -1 if the name is unknown. RT-safe. */
-int ls_cfa_by_name(const char *name, enum ls_cfa *out);
-
 #endif

@@ -11,7 +11,6 @@
 struct ls_profile {
     const char *name;
     double m[3][3];              /* camera-raw to linear Rec. 709, white balance in it */
-    double mono_mix[3];          /* R, G, B of that camera to its monochrome sister */
     double ball_reflectivity[3]; /* R, G, B of the mirror ball */
 };
 

@@ -31,19 +31,6 @@ bool ls_split_inseparable(const struct ls_split *split)
     return split->s_v == 0 && split->s_h == 0;
 }
 
-void ls_separate(const struct ls_split *split, const float *e_v, const float *e_h, size_t n,
-                 float *d, float *s)
-{
-    struct ls_split c = *split;
-    for (size_t j = 0; j < n; j++) {
-        float v = isfinite(e_v[j]) ? e_v[j] : 0, h = isfinite(e_h[j]) ? e_h[j] : 0;
-        if (d)
-            d[j] = c.d_v * v + c.d_h * h;
-        if (s)
-            s[j] = c.s_v * v + c.s_h * h;
-    }
-}
-
 void ls_separate_remainder(const float *f, const float *diffuse, const float *specular,
                            const float *conductor, const double *tint, size_t n_px,
                            uint32_t n_channels, float *numerator, float *denominator)

@@ -39,14 +39,6 @@ LS_MUST_CHECK enum ls_err ls_split_make(struct ls_polarisation a, double k_v, do
 bool ls_split_inseparable(const struct ls_split *split);
 
 /**
- * n samples of one light, ungained. @d or @s may be NULL. A sample of E_V or E_H that is not finite
- * counts as 0, in both. Accuracy: |error| <= 3 2^-24 (|s_v E_V| + |s_h E_H|), likewise for D; two
- * products and a sum in float, no fused operation. RT-safe.
- */
-void ls_separate(const struct ls_split *split, const float *e_v, const float *e_h, size_t n,
-                 float *d, float *s);
-
-/**
  * Eq. 1's fraction for D (and for the specular part of conductors), from sums over all lights i
  * weighted with g(i,s): @diffuse of D, @specular of S, @conductor of S times its share of conductor
  * (core/separated.h makes all three), and the photographed full sphere @f, in one unit, spans of

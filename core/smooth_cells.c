@@ -248,20 +248,6 @@ static enum ls_err integrate(const float (*directions)[3], size_t n, const doubl
     return err;
 }
 
-enum ls_err ls_smooth_cells_omega(const float (*directions)[3], size_t n, double *omega_sr,
-                                  struct ls_diag *diag)
-{
-    static const float one[3] = {1, 0, 0};
-    const struct ls_map map = {.rgb = one, .width = 1, .height = 1};
-    LS_CLEANUP_FREE double *weights = n <= MAX_LIGHTS ? calloc(3 * n + 1, sizeof *weights) : NULL;
-    if (n <= MAX_LIGHTS && !weights)
-        return ls_fail(diag, LS_ERR_NOMEM, "weights: out of memory");
-    enum ls_err err = integrate(directions, n, NULL, &map, NULL, weights, diag);
-    for (size_t i = 0; !err && i < n; i++)
-        omega_sr[i] = weights[3 * i];
-    return err;
-}
-
 enum ls_err ls_smooth_cells_map(const float (*directions)[3], size_t n, const double *rotation,
                                 const struct ls_map *map, double *weights, struct ls_diag *diag)
 {

@@ -24,9 +24,6 @@
 
 #include <stddef.h>
 
-LS_MUST_CHECK enum ls_err ls_smooth_cells_omega(const float (*directions)[3], size_t n,
-                                                double *omega_sr, struct ls_diag *diag);
-
 /** weights[n][3]. */
 LS_MUST_CHECK enum ls_err ls_smooth_cells_map(const float (*directions)[3], size_t n,
                                               const double *rotation, const struct ls_map *map,

@@ -318,8 +318,8 @@ enum ls_err ls_solver_run(const struct ls_solver *solver, const double *b, doubl
     return LS_OK;
 }
 
-static enum ls_err solve_once(const struct ls_system *system, enum ls_solve_method method,
-                              double *x, struct ls_solution *out, struct ls_diag *diag)
+enum ls_err ls_solve(const struct ls_system *system, enum ls_solve_method method, double *x,
+                     struct ls_solution *out, struct ls_diag *diag)
 {
     struct ls_solver *solver;
     enum ls_err err = ls_solver_create(system, method, &solver, diag);
@@ -327,16 +327,4 @@ static enum ls_err solve_once(const struct ls_system *system, enum ls_solve_meth
         err = ls_solver_run(solver, system->b, x, out, diag);
     ls_solver_destroy(solver);
     return err;
-}
-
-enum ls_err ls_solve_least_squares(const struct ls_system *system, double *x,
-                                   struct ls_solution *out, struct ls_diag *diag)
-{
-    return solve_once(system, LS_SOLVE_LEAST_SQUARES, x, out, diag);
-}
-
-enum ls_err ls_solve_nnls(const struct ls_system *system, double *x, struct ls_solution *out,
-                          struct ls_diag *diag)
-{
-    return solve_once(system, LS_SOLVE_NNLS, x, out, diag);
 }

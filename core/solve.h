@@ -69,10 +69,8 @@ void ls_solver_destroy(struct ls_solver *solver);
 LS_MUST_CHECK enum ls_err ls_solver_run(const struct ls_solver *solver, const double *b, double *x,
                                         struct ls_solution *out, struct ls_diag *diag);
 
-/** Both steps for the system's own b. */
-LS_MUST_CHECK enum ls_err ls_solve_least_squares(const struct ls_system *system, double *x,
-                                                 struct ls_solution *out, struct ls_diag *diag);
-LS_MUST_CHECK enum ls_err ls_solve_nnls(const struct ls_system *system, double *x,
-                                        struct ls_solution *out, struct ls_diag *diag);
+/** Create, run for the system's own b, destroy. */
+LS_MUST_CHECK enum ls_err ls_solve(const struct ls_system *system, enum ls_solve_method method,
+                                   double *x, struct ls_solution *out, struct ls_diag *diag);
 
 #endif

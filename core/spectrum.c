@@ -35,11 +35,6 @@ double ls_spectrum_dot3(const struct ls_spectrum *a, const struct ls_spectrum *b
     return sum;
 }
 
-double ls_spectrum_mean(const struct ls_spectrum *a)
-{
-    return ls_spectrum_integral(a) / ((LS_SPECTRUM_N - 1) * LS_SPECTRUM_STEP_NM);
-}
-
 static enum ls_err check_samples(const double *nm, const double *value, size_t n,
                                  struct ls_diag *diag)
 {

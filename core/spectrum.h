@@ -67,8 +67,6 @@ double ls_spectrum_dot(const struct ls_spectrum *a, const struct ls_spectrum *b)
 /** Integral of a(l) b(l) c(l) dl: light, reflectance, sensitivity. RT-safe. */
 double ls_spectrum_dot3(const struct ls_spectrum *a, const struct ls_spectrum *b,
                         const struct ls_spectrum *c);
-/** Mean over the grid's 400 nm. RT-safe. */
-double ls_spectrum_mean(const struct ls_spectrum *a);
 
 /** CIE 1931 2-degree colour-matching functions x, y, z (CIE 15 / ISO 11664-1, every 5 nm). */
 extern const struct ls_spectrum ls_cie_1931[3];

@@ -230,7 +230,7 @@ static enum ls_err fill_matrix(const struct sim_scene *scene, uint32_t camera,
     for (int r = 0; r < 3 && !err; r++) {
         for (int p = 0; p < SIM_CHART_PATCHES; p++)
             wanted[p] = ls_spectrum_dot3(&d65, &material[p], &rec709[r]) / white;
-        err = ls_solve_least_squares(&system, c->m[r], NULL, diag);
+        err = ls_solve(&system, LS_SOLVE_LEAST_SQUARES, c->m[r], NULL, diag);
     }
     c->has_m = !err;
     return err;

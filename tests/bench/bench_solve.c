@@ -1,7 +1,7 @@
 /* The lighting solve: 346 directions x 3 outputs x 6 unknowns, and a whole RGB map with it. */
 #include "core/cell_lighting.h"
-#include "core/spectrum.h"
 #include "tests/bench/bench.h"
+#include "tests/core/lighting_once.h"
 
 #include <math.h>
 #include <stdio.h>
@@ -45,7 +45,7 @@ static void make_chart(struct work *work)
     }
     for (int s = 0; s < SPECTRA; s++) {
         double p[ROWS];
-        ls_lighting_targets(work->reflectance, PATCHES, work->functionals, 3, &led[s], p);
+        chart_reads(work->reflectance, PATCHES, work->functionals, 3, &led[s], p);
         for (int r = 0; r < ROWS; r++)
             work->l[r * SPECTRA + s] = p[r];
     }
@@ -58,8 +58,8 @@ static void make_targets(struct work *work)
         double at = (double)i / LIGHTS;
         for (int w = 0; w < LS_SPECTRUM_N; w++)
             light.v[w] = 0.2 + bump(w, 80 * at, 5) + 0.5 * bump(w, 80 * fmod(7 * at, 1), 2);
-        ls_lighting_targets(work->reflectance, PATCHES, work->functionals, 3, &light,
-                            work->targets + i * ROWS);
+        chart_reads(work->reflectance, PATCHES, work->functionals, 3, &light,
+                    work->targets + i * ROWS);
         for (int c = 0; c < 3; c++)
             work->cells[3 * i + (size_t)c] = ls_spectrum_dot(&light, &work->functionals[c]);
     }

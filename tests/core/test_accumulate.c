@@ -253,7 +253,9 @@ static void test_an_overflow_is_no_stored_infinity(const void *data)
 
 static void test_any_split_into_regions_gives_the_same_bits(void)
 {
-    g_autoptr(GRand) rand = g_rand_new_with_seed(6);
+    const guint32 seed = 6;
+    g_autoptr(GRand) rand = g_rand_new_with_seed(seed);
+    g_test_message("seed %u", seed);
     enum { N = 21, W = 150, H = 140, SUMS = 3 };
     struct pictures p;
     pictures_init(&p, N, W, H, rand);
@@ -280,7 +282,9 @@ static void test_any_split_into_regions_gives_the_same_bits(void)
 
 static void test_a_light_of_no_weight_is_never_read(void)
 {
-    g_autoptr(GRand) rand = g_rand_new_with_seed(7);
+    const guint32 seed = 7;
+    g_autoptr(GRand) rand = g_rand_new_with_seed(seed);
+    g_test_message("seed %u", seed);
     struct pictures p;
     float sums[2 * 10 * 10];
     const float w[2 * 3] = {0, 1, 0, 0, 2, 0};
@@ -303,7 +307,9 @@ static void test_a_light_of_no_weight_is_never_read(void)
 
 static void test_what_is_left_out_stays_under_the_requested_error(void)
 {
-    g_autoptr(GRand) rand = g_rand_new_with_seed(8);
+    const guint32 seed = 8;
+    g_autoptr(GRand) rand = g_rand_new_with_seed(seed);
+    g_test_message("seed %u", seed);
     enum { N = 40, W = 70, H = 66, SUMS = 2, TILES = 4 };
     struct pictures p;
     pictures_init(&p, N, W, H, rand);
@@ -341,7 +347,9 @@ static void test_what_is_left_out_stays_under_the_requested_error(void)
 
 static void test_sums_lie_as_far_apart_as_asked(void)
 {
-    g_autoptr(GRand) rand = g_rand_new_with_seed(9);
+    const guint32 seed = 9;
+    g_autoptr(GRand) rand = g_rand_new_with_seed(seed);
+    g_test_message("seed %u", seed);
     enum { N = 5, W = 70, H = 66, SUMS = 3, APART = W * H + 17 };
     struct pictures p;
     pictures_init(&p, N, W, H, rand);

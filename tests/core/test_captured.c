@@ -1,7 +1,7 @@
 /* captured: charts under environments whose spectra are known. */
 #include "core/captured.h"
 #include "core/environment.h"
-#include "core/lighting.h"
+#include "tests/core/lighting_once.h"
 
 #include <glib.h>
 #include <math.h>
@@ -75,7 +75,7 @@ static char *json_of(const struct world *world, const char *saturated)
         struct ls_spectrum light;
         double p[PATCHES * 3];
         light_on(world, normals[k], &light);
-        ls_lighting_targets(world->reflectance, PATCHES, world->sensitivity, 3, &light, p);
+        chart_reads(world->reflectance, PATCHES, world->sensitivity, 3, &light, p);
         g_string_append_printf(json, "%s{\"normal\":[%g,%g,%g],%s\"rgb\":[", k ? "," : "",
                                normals[k][0], normals[k][1], normals[k][2],
                                k == 0 && saturated ? saturated : "");
@@ -112,7 +112,7 @@ static double error_of(const struct ls_captured *captured, const struct world *w
     for (int c = 0; c < 3; c++)
         cell[c] = ls_spectrum_dot(light, &world->sensitivity[c]);
     g_assert_true(ls_captured_targets(captured, direction, cell, got));
-    ls_lighting_targets(world->reflectance, PATCHES, world->sensitivity, 3, light, p);
+    chart_reads(world->reflectance, PATCHES, world->sensitivity, 3, light, p);
     for (int k = 0; k < PATCHES * 3; k++)
         worst = fmax(worst, fabs(got[k] - p[k]) / p[k % 3]);
     return worst;

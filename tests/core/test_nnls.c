@@ -269,7 +269,7 @@ static void test_it_is_the_best_of_all_active_sets(void)
         double x[COLS];
         enum kind kind = (enum kind)(k % KINDS);
         make(&r, rand, kind);
-        g_assert_cmpint(ls_solve_nnls(&r.system, x, &out, NULL), ==, LS_OK);
+        g_assert_cmpint(ls_solve(&r.system, LS_SOLVE_NNLS, x, &out, NULL), ==, LS_OK);
         for (size_t j = 0; j < COLS; j++)
             g_assert_true(x[j] >= 0 && isfinite(x[j]));
         load(&ref, &r.system);
@@ -301,7 +301,7 @@ static void test_ties_go_to_the_lowest_index(void)
     const double a[] = {2, 1, 5, 4, 2, 10}, b[] = {1, 2};
     struct ls_system system = {.rows = 2, .cols = 3, .a = a, .b = b};
     double x[3];
-    g_assert_cmpint(ls_solve_nnls(&system, x, NULL, NULL), ==, LS_OK);
+    g_assert_cmpint(ls_solve(&system, LS_SOLVE_NNLS, x, NULL, NULL), ==, LS_OK);
     g_assert_cmpfloat_with_epsilon(x[0], 0.5, 1e-12);
     g_assert_cmpfloat(x[1], ==, 0);
     g_assert_cmpfloat(x[2], ==, 0);
@@ -322,9 +322,7 @@ static void test_a_solver_gives_every_right_side_what_it_would_get_alone(void)
             struct ls_solution a, b;
             double x[COLS], alone[COLS];
             g_assert_cmpint(ls_solver_run(solver, r.b, x, &a, NULL), ==, LS_OK);
-            g_assert_cmpint(k % 2 ? ls_solve_nnls(&r.system, alone, &b, NULL)
-                                  : ls_solve_least_squares(&r.system, alone, &b, NULL),
-                            ==, LS_OK);
+            g_assert_cmpint(ls_solve(&r.system, method, alone, &b, NULL), ==, LS_OK);
             g_assert_cmpmem(x, sizeof x, alone, sizeof alone);
             g_assert_cmpfloat(a.residual, ==, b.residual);
             for (size_t i = 0; i < r.system.rows; i++)

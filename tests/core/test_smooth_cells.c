@@ -94,6 +94,18 @@ static double total(const double *w, size_t n, size_t stride)
     return sum;
 }
 
+/* solid angles: what a constant map of 1 gives */
+static enum ls_err cells_of(const void *d, size_t n, double *omega, struct ls_diag *diag)
+{
+    static const float one[3] = {1, 1, 1};
+    static double weights[3 * MOST];
+    const struct ls_map map = {.rgb = one, .width = 1, .height = 1};
+    enum ls_err err = ls_smooth_cells_map(d, n, NULL, &map, weights, diag);
+    for (size_t i = 0; i < n; i++)
+        omega[i] = weights[3 * i];
+    return err;
+}
+
 static void test_a_constant_map_is_four_pi_on_any_dome(void)
 {
     static struct dome domes[32];
@@ -101,7 +113,7 @@ static void test_a_constant_map_is_four_pi_on_any_dome(void)
     size_t n = all_domes(domes);
     for (size_t k = 0; k < n; k++) {
         struct ls_diag diag = {{0}};
-        int err = ls_smooth_cells_omega((const float(*)[3])domes[k].d, domes[k].n, omega, &diag);
+        int err = cells_of(domes[k].d, domes[k].n, omega, &diag);
         g_assert_cmpstr(diag.text, ==, "");
         g_assert_cmpint(err, ==, LS_OK);
         /* 3e5 additions of doubles */
@@ -115,12 +127,11 @@ static void test_equal_places_get_equal_light(void)
 {
     static double omega[MOST];
     struct dome twelve = icosahedron(), pairs = coincident();
-    g_assert_cmpint(ls_smooth_cells_omega((const float(*)[3])twelve.d, 12, omega, NULL), ==, LS_OK);
+    g_assert_cmpint(cells_of(twelve.d, 12, omega, NULL), ==, LS_OK);
     for (int i = 0; i < 12; i++)
         /* parts of half a degree in a cell of 63: the rule's error */
         g_assert_cmpfloat_with_epsilon(omega[i] / (4 * M_PI / 12), 1, 1e-3);
-    g_assert_cmpint(ls_smooth_cells_omega((const float(*)[3])pairs.d, pairs.n, omega, NULL), ==,
-                    LS_OK);
+    g_assert_cmpint(cells_of(pairs.d, pairs.n, omega, NULL), ==, LS_OK);
     for (size_t i = 0; i < pairs.n; i += 2) {
         g_assert_cmpfloat(omega[i], ==, omega[i + 1]);
         g_assert_cmpfloat(omega[i], >, 0);
@@ -271,7 +282,7 @@ static void test_what_is_not_finite_is_refused(void)
     rgb[7] = INFINITY;
     g_assert_cmpint(ls_smooth_cells_map((const float(*)[3])d, 1, NULL, &map, w, NULL), ==,
                     LS_ERR_INVALID);
-    g_assert_cmpint(ls_smooth_cells_omega((const float(*)[3])d, 0, w, NULL), ==, LS_ERR_INVALID);
+    g_assert_cmpint(cells_of(d, 0, w, NULL), ==, LS_ERR_INVALID);
 }
 
 /* the most that the brightness of a white Lambertian under constant radiance 1 is off, over
@@ -297,8 +308,7 @@ static void a_furnace(const struct dome *dome)
     static double nearest[MOST], smooth[MOST];
     g_assert_cmpint(ls_envlights_omega((const float(*)[3])dome->d, dome->n, nearest, NULL), ==,
                     LS_OK);
-    g_assert_cmpint(ls_smooth_cells_omega((const float(*)[3])dome->d, dome->n, smooth, NULL), ==,
-                    LS_OK);
+    g_assert_cmpint(cells_of(dome->d, dome->n, smooth, NULL), ==, LS_OK);
     double a = furnace_error(dome, nearest), b = furnace_error(dome, smooth);
     g_test_message("%s, %zu lights: white reads 1 within %.2e (nearest), %.2e (smooth)", dome->name,
                    dome->n, a, b);
@@ -330,8 +340,7 @@ static void test_the_measured_rig_is_a_white_furnace_too(void)
     }
     g_assert_cmpuint(dome.n, ==, 346);
     static double smooth[MOST];
-    g_assert_cmpint(ls_smooth_cells_omega((const float(*)[3])dome.d, dome.n, smooth, NULL), ==,
-                    LS_OK);
+    g_assert_cmpint(cells_of(dome.d, dome.n, smooth, NULL), ==, LS_OK);
     g_assert_cmpfloat_with_epsilon(total(smooth, dome.n, 1), 4 * M_PI, 1e-9);
     static double nearest[MOST];
     g_assert_cmpint(ls_envlights_omega((const float(*)[3])dome.d, dome.n, nearest, NULL), ==,

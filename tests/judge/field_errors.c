@@ -182,6 +182,7 @@ static double promotion(const struct sweep *s, uint32_t spectrum, const double *
 static enum ls_err mean_weights(const struct judge *judge, double *weights, struct ls_diag *diag)
 {
     const struct ls_field *f = &judge->source->field;
+    const double grid_nm = (LS_SPECTRUM_N - 1) * LS_SPECTRUM_STEP_NM;
     double *cells = calloc((size_t)f->n_lights * judge->lobes->n, sizeof *cells);
     enum ls_err err =
         cells ? ls_envlights_lobes(f->directions, f->n_lights, NULL, judge->lobes, cells, diag)
@@ -189,8 +190,8 @@ static enum ls_err mean_weights(const struct judge *judge, double *weights, stru
     for (uint32_t i = 0; i < f->n_lights && !err; i++) {
         weights[i] = 0;
         for (size_t l = 0; l < judge->lobes->n; l++)
-            weights[i] +=
-                cells[i * judge->lobes->n + l] * ls_spectrum_mean(&judge->lobes->item[l].spectrum);
+            weights[i] += cells[i * judge->lobes->n + l] *
+                          ls_spectrum_integral(&judge->lobes->item[l].spectrum) / grid_nm;
     }
     free(cells);
     return err;

@@ -8,10 +8,10 @@
 #include "core/linear.h"
 #include "core/mono_blend.h"
 #include "core/polarisation.h"
-#include "core/profile.h"
 #include "core/segments.h"
 #include "core/separate.h"
 #include "sim/truth.h"
+#include "tests/core/split_samples.h"
 #include "tests/sim/measured_spectra.h"
 
 #include <math.h>
@@ -165,7 +165,7 @@ static const char *const model_names[MODELS] = {"measured", "sphere", "head ligh
 /* the field as the paper's mono camera would have it: its mix, in colour 0 */
 static pictures *as_mono(const pictures *field)
 {
-    const double *mix = ls_profile_find("paper")->mono_mix;
+    const double *mix = measured_mono_mix;
     pictures *mono = g_new0(pictures, LIGHTS);
     for (int i = 0; i < LIGHTS; i++)
         for (int s = 0; s < CHANNELS; s++)
@@ -209,7 +209,7 @@ static void nearest_to_camera(const struct stage *stage, gboolean use[LIGHTS])
 
 static double p_of(const struct stage *stage, int s, int c, int colours)
 {
-    const double *mix = ls_profile_find("paper")->mono_mix;
+    const double *mix = measured_mono_mix;
     const float *p = stage->cal->p[s];
     if (colours == 3)
         return (double)p[c];
@@ -240,7 +240,7 @@ static void part(const struct stage *stage, const pictures *field, int light, in
             v[p * colours + c] = field[light][V][p][c];
             h[p * colours + c] = field[light][H][p][c];
         }
-    ls_separate(&split, v, h, (size_t)(SAMPLES * colours), out->d, out->s);
+    split_samples(&split, v, h, (size_t)(SAMPLES * colours), out->d, out->s);
     memset(out->metal, 0, sizeof out->metal);
     if (colours == 1)
         return;
@@ -420,7 +420,7 @@ static void apply_m(const double *m, const double in[3], double out[3])
 static double *strengths(const struct stage *stage, enum method method)
 {
     const struct ls_calibration *cal = stage->cal;
-    const double *mix = ls_profile_find("paper")->mono_mix;
+    const double *mix = measured_mono_mix;
     static double chart[CHART * 3 * SPECTRA];
     struct ls_spectrum after_m[3] = {{{0}}};
     struct ls_lighting lighting = {.n_patches = CHART,
