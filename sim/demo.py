@@ -102,7 +102,7 @@ def demo(folder, size, measure):
         options["calibration"], numbers = calibrate.run(BUILD, os.path.join(folder, "calibration"),
                                                         size)
     rig = stage.Rig(BUILD, folder, size, blur_px=BLUR_PX, **options)
-    say(f"starting the simulated dome, its camera at {rig.camera}, and the daemon")
+    say(f"starting the simulated dome, its camera at {rig.addresses[0]}, and the daemon")
     try:
         rig.start()
         say("taking: 346 lights in white, 8 full spheres, darks, three exposures each")

@@ -14,6 +14,7 @@ STOP_SECONDS = 30
 CALL_SECONDS = 3600
 SENSOR_MM = 11.26
 MAX_FPS = 72
+VIEWS = (("front", [0.0, 0.0, 1.6]), ("left", [-1.0, 0.2, 1.2]))  # name, position in m
 READOUT_PX_PER_S = 36e6  # what the simulated sensor makes and two cores can take in, with room
 
 
@@ -99,7 +100,8 @@ class Rig:
     """One simulated stage. The *_extra texts are appended to the configuration they name; size is
     in pixels, one number or (width, height); region is the middle part of it that the daemon's
     camera reads out, the whole by default; positions is (file, axes, unit) as the daemon reads
-    them, the simulator's own by default.
+    them, the simulator's own by default; cameras is how many of VIEWS there are, all alike but for
+    where they stand.
     """
 
     def __init__(self, build, folder, size=512, scene="stilllife", channels="WRAGCBVH",
@@ -108,7 +110,7 @@ class Rig:
                  packet_size=9000, timeout_ms=2000, focal_mm=25,
                  blur_px=0,
                  positions=("positions.csv", "right,up,towards", "m"), region=None,
-                 calibration="calibration.json"):
+                 calibration="calibration.json", cameras=1):
         self.build, self.folder = build, folder
         self.width, self.height = (size, size) if isinstance(size, int) else size
         self.channels, self.pixel_format = channels, pixel_format
@@ -118,19 +120,27 @@ class Rig:
         self.calibrated, self.packet_size, self.timeout_ms = calibrated, packet_size, timeout_ms
         self.region = region or (self.width, self.height)
         self.max_fps = min(MAX_FPS, READOUT_PX_PER_S / (self.region[0] * self.region[1]))
-        self.camera = loopback()
+        self.addresses = [loopback(k + 1) for k in range(cameras)]
         self.dome = self.daemon = None
         self.scene = (scene, scene_extra, cfa, camera_extra, simulator_extra)
         self.write_simulator()
         self.simulator("describe", "--pixel-format", pixel_format, "--output", folder)
 
+    def cameras(self):
+        """(name, address, position) of each."""
+        return [(name, address, position) for (name, position), address in
+                zip(VIEWS, self.addresses)]
+
     def write_simulator(self, port=""):
         scene, scene_extra, cfa, camera_extra, simulator_extra = self.scene
+        cameras = ",\n".join(f"""
+    {{ address = "{address}"; position_m = {position}; width = {self.width};
+      height = {self.height}; cfa = "{cfa}"; focal_length_mm = {float(self.focal_mm)};
+      blur_px = {float(self.blur_px)}; {camera_extra} }}"""
+                             for _, address, position in self.cameras())
         write(self.path("sim.conf"), f"""
 scene = {{ scene = "{scene}"; {scene_extra} }};
-cameras = ( {{ address = "{self.camera}"; width = {self.width}; height = {self.height};
-               cfa = "{cfa}"; focal_length_mm = {float(self.focal_mm)};
-               blur_px = {float(self.blur_px)}; {camera_extra} }} );
+cameras = ({cameras} );
 log = "shown.jsonl";
 {port}
 {simulator_extra}
@@ -195,22 +205,24 @@ controller = {{ driver = "modbus"; address = "127.0.0.1"; port = {self.dome.read
         sensor = SENSOR_MM / self.width  # mm of a pixel
         channels = ", ".join('{ name = "%s"; kind = "%s"; }' %
                              (c, "polariser" if c in "VH" else "spectrum") for c in self.channels)
-        write(self.path("rig.conf"), f"""
-name = "simulated dome";
-lights = {{ positions = "{file}"; axes = "{axes}"; unit = "{unit}"; }};
-channels = ( {channels} );
-cameras = ( {{ name = "front"; address = "{self.camera}";
+        cameras = ",\n".join(f"""
+  {{ name = "{name}"; address = "{address}";
     width = {width}; height = {height}; offset_x = {offset_x}; offset_y = {offset_y};
     pixel_format = "{self.pixel_format}"; packet_size = {self.packet_size};
     max_fps = {self.max_fps:.2f};
-    position_m = [0.0, 0.0, 1.6]; look_at_m = [0.0, 0.0, 0.0]; focal_length_mm = {self.focal_mm};
+    position_m = {position}; look_at_m = [0.0, 0.0, 0.0]; focal_length_mm = {self.focal_mm};
     sensor_mm = [{sensor * width}, {sensor * height}]; range = [0.10, 0.85];
     black_dn = {constants['black_dn']}; full_scale_dn = {constants['full_scale_dn']};
     electrons_per_dn = {constants['electrons_per_dn']};
     read_noise_dn = {constants['read_noise_dn']};
     exposure_offset_us = {constants['exposure_offset_us']};
     lens = "simulated"; aperture = 8; iso_speed = 100;
-    {self.rig_camera_extra} }} );
+    {self.rig_camera_extra} }}""" for name, address, position in self.cameras())
+        write(self.path("rig.conf"), f"""
+name = "simulated dome";
+lights = {{ positions = "{file}"; axes = "{axes}"; unit = "{unit}"; }};
+channels = ( {channels} );
+cameras = ({cameras} );
 """)
 
     def control(self, *arguments, quiet=True, timeout=CALL_SECONDS):

@@ -183,7 +183,7 @@ def stamp(path):
     if at(RECORD_BYTES, 4) != crc32c(found[:RECORD_BYTES]):
         return None
     return {"kind": ("dark", "one", "sphere", "segment")[at(0, 2)], "light": at(4, 2),
-            "channel": at(6, 1), "exposure_us": at(16, 4) / 100}
+            "channel": at(6, 1), "camera": at(7, 1), "exposure_us": at(16, 4) / 100}
 
 
 def mislabeled_pixels(rig, take, channels="WRAGCBVH"):
@@ -192,13 +192,13 @@ def mislabeled_pixels(rig, take, channels="WRAGCBVH"):
     latest = {t["shot"]: t for t in records(rig, take, "ticket") if t["status"] == "ok"}
     wrong = []
     for shot, ticket in latest.items():
-        seen = stamp(os.path.join(folder(rig, take), "cam0", "raw",
+        seen = stamp(os.path.join(folder(rig, take), f"cam{ticket['camera']}", "raw",
                                   f"{shot}-{ticket['attempt']}.raw"))
         asked = plan[ticket["condition"]]
         light = int(asked["id"].split("-")[1]) if asked["kind"] == "one" else None
         # a tenth of a permille and 1 us: the controller's clock drifts, and counts whole us
         near = 1 + 1e-4 * ticket["exposure_used_us"]
-        right = (seen and seen["kind"] == asked["kind"] and
+        right = (seen and seen["kind"] == asked["kind"] and seen["camera"] == ticket["camera"] and
                  (asked["kind"] == "dark" or channels[seen["channel"]] == asked["channel"]) and
                  (light is None or seen["light"] == light) and
                  abs(seen["exposure_us"] - ticket["exposure_used_us"]) < near)

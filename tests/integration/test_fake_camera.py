@@ -34,7 +34,7 @@ def short_plan(folder):
     rig = harness.twelve(folder, size=(WIDTH, HEIGHT), cfa="mono", pixel_format="Mono8",
                          calibrated=False,
                          rig_camera_extra='trigger = "software"; black_check = false;')
-    rig.camera = ADDRESS
+    rig.addresses = [ADDRESS]
     rig.start()
     code, status, error = takes.photograph(rig, PLAN)
     assert code == 0, (status, error)

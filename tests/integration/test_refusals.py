@@ -120,9 +120,9 @@ def test_a_disk_that_is_really_full_is_said_before_the_first_flash(folder):
 
 def test_no_camera_at_the_address_is_said(folder):
     rig = harness.twelve(folder)
-    rig.camera = stage.loopback(9)
+    rig.addresses = [stage.loopback(9)]
     rig.start()
-    refused(rig, plan(), 6, f"camera 0 \\({rig.camera}\\)", "nobody answers")
+    refused(rig, plan(), 6, f"camera 0 \\({rig.addresses[0]}\\)", "nobody answers")
     status = rig.ask("status")
     assert not status["cameras"][0]["connected"] and status["lights"]["connected"], status
 

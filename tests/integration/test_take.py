@@ -19,6 +19,19 @@ def test_a_take_is_complete_and_every_frame_is_the_frame_it_says_it_is(folder):
     assert status["message"] == "complete", status
 
 
+def test_two_cameras_keep_every_frame_as_their_own(folder):
+    rig = harness.twelve(folder, scene="stamp", cameras=2).start()
+    code, status, err = takes.photograph(rig)
+    assert code == 0 and status["state"] == "complete", err
+    judged = takes.is_good(rig, status["id"])
+    assert judged["shots_stored"] == 2 * (takes.DARKS + takes.LIGHTS), judged
+    tickets = [t for t in takes.records(rig, status["id"], "ticket") if t["status"] == "ok"]
+    for camera in (0, 1):
+        shots = {t["shot"] for t in tickets if t["camera"] == camera}
+        assert len(shots) == takes.DARKS + takes.LIGHTS, (camera, len(shots))
+    assert set(os.listdir(takes.folder(rig, status["id"]))) >= {"cam0", "cam1"}
+
+
 PERMUTED = """subject = "still"; exposures_us = [500, 2500]; darks = 2;
 conditions = ( { kind = "each"; channels = ["W"]; },
                { kind = "segment"; channels = ["R"]; lights = [0, 1, 4]; } );
