@@ -6,6 +6,7 @@
 #include "clients/region_option.h"
 #include "clients/take_document.h"
 #include "core/half.h"
+#include "proto/models.h"
 
 #include <stdio.h>
 #include <stdlib.h>
@@ -72,6 +73,24 @@ static int parse_option(struct options *out, int option)
     }
 }
 
+/* What is promoted is RGB, gained, and of single lights. */
+static int check_promotion(const struct options *o)
+{
+    const char *model = ls_model_name(o->promotion.model);
+    if (o->promotion.model == LIGHTSTAGE__MODEL__MEASURED)
+        return LS_EXIT_OK;
+    if (o->full_sphere)
+        return ls_command_wrong("fetch: --full-sphere is photographed: leave out --model %s",
+                                model);
+    if (o->estimate)
+        return ls_command_wrong("fetch: --estimate is photographed: leave out --model %s", model);
+    if (!o->rgb)
+        return ls_command_wrong("fetch: --model %s makes RGB pictures, as ratios are formed after "
+                                "demosaicing: add --layout rgb",
+                                model);
+    return LS_EXIT_OK;
+}
+
 static int parse(struct ls_command_context *context, int argc, char **argv, struct options *out)
 {
     static const struct option options[] = {{"channel", required_argument, NULL, 1},
@@ -99,7 +118,7 @@ static int parse(struct ls_command_context *context, int argc, char **argv, stru
         return ls_command_wrong("fetch: --channel NAME and --output PREFIX are needed");
     if (out->full_sphere && out->lights)
         return ls_command_wrong("fetch: --full-sphere is all lights at once: leave out --lights");
-    return LS_EXIT_OK;
+    return check_promotion(out);
 }
 
 /* ---- one picture ---- */

@@ -359,6 +359,9 @@ static enum ls_err check_promotion(const Lightstage__Fetch *fetch,
 {
     if (promotion->model == LIGHTSTAGE__MODEL__MEASURED)
         return LS_OK;
+    if (fetch->full_sphere)
+        return ls_fail(diag, LS_ERR_UNSUPPORTED,
+                       "fetch: a full sphere is photographed, not promoted; leave out the model");
     if (fetch->layout == LIGHTSTAGE__LAYOUT__MOSAIC)
         return ls_fail(diag, LS_ERR_UNSUPPORTED,
                        "fetch: a promoted field has no mosaic (ratios are formed after "

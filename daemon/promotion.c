@@ -95,16 +95,16 @@ static enum ls_err choose(const struct ls_field_source *source,
 {
     int s = ls_field_source_spectrum(source, channel);
     *out = (struct ls_way){.channel = channel, .spectrum = s < 0 ? 0 : (uint32_t)s};
+    if (source->facts->channels[channel].polariser &&
+        promotion->model != LIGHTSTAGE__MODEL__MEASURED)
+        return ls_fail(diag, LS_ERR_UNSUPPORTED,
+                       "channel %s is a polariser: it is photographed, never promoted",
+                       source->facts->channels[channel].name);
     out->set = photographed(source, promotion, channel);
     if (out->set)
         return ls_light_set_ready(source, out->set, diag);
     if (promotion->model == LIGHTSTAGE__MODEL__MEASURED)
         return not_measured(source, channel, diag);
-    if (source->facts->channels[channel].polariser)
-        return ls_fail(diag, LS_ERR_STATE,
-                       "channel %s is a polariser: it is photographed, never promoted; use model "
-                       "measured",
-                       source->facts->channels[channel].name);
     if (s < 0)
         return ls_fail(diag, LS_ERR_NOT_FOUND,
                        "the plan of take %s has no picture of %s at all (conditions of kind \"%s\" "
@@ -144,7 +144,7 @@ enum ls_err ls_promotion_find(struct ls_field_source *source, const struct ls_pr
                               struct ls_diag *diag)
 {
     enum ls_err err = choose(source, promotion, channel, out, diag);
-    if (err == LS_ERR_STATE || err == LS_ERR_NOT_FOUND)
+    if (err == LS_ERR_STATE || err == LS_ERR_NOT_FOUND || err == LS_ERR_UNSUPPORTED)
         add_offers(source, channel, diag);
     if (err || out->kind == LS_WAY_PHOTOGRAPHED)
         return err;

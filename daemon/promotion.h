@@ -45,8 +45,9 @@ struct ls_way {
  * The way to @channel; its map is made if it is not there yet, which may take long: LS_ERR_ABORTED
  * soon after @asker (or NULL) is cancelled, LS_ERR_BUSY as ls_field_maps_get. Other errors:
  * LS_ERR_NOT_FOUND (the plan asked for no such pictures), LS_ERR_STATE (they are missing, or their
- * pattern is not calibrated): the sentence says which, what makes them, and which models the take
- * offers for this channel; those of ls_field_maps_get.
+ * pattern is not calibrated), LS_ERR_UNSUPPORTED (a polariser by any model but MEASURED): the
+ * sentence says which, what makes them, and which models the take offers for this channel; those of
+ * ls_field_maps_get.
  */
 LS_MUST_CHECK enum ls_err ls_promotion_find(struct ls_field_source *source,
                                             const struct ls_promotion *promotion, uint32_t channel,

@@ -664,8 +664,10 @@ static void a_refusal_names_the_plan_kind_and_what_is_offered(struct room *room,
                 "separated, model linear");
     assert_says(refusal(room, LIGHTSTAGE__MODEL__SPHERE, FULL_CG, LS_ERR_NOT_FOUND),
                 "kind \"sphere\"");
-    assert_says(refusal(room, LIGHTSTAGE__MODEL__SPHERE, FULL_CV, LS_ERR_STATE),
-                "a polariser: it is photographed, never promoted");
+    for (size_t m = 0; m < G_N_ELEMENTS(models); m++)
+        assert_says(refusal(room, models[m], FULL_CV, LS_ERR_UNSUPPORTED),
+                    "is a polariser: it is photographed, never promoted; for V it offers model "
+                    "measured");
 }
 
 static void a_map_that_finds_no_room_is_an_error(void)

@@ -20,9 +20,10 @@ struct hall {
     struct ls_connection *client;
 };
 
-static void open_hall(struct hall *hall, bool calibrated, int missing)
+static void open_hall(struct hall *hall, bool calibrated, int missing, uint64_t spare_bytes)
 {
     stage_init(&hall->stage);
+    hall->stage.limits.spare_bytes = spare_bytes;
     hall->stage.limits.stall_ms = 400;
     hall->take = make_take(hall->stage.storage, calibrated, missing);
     stage_open(&hall->stage);
@@ -31,17 +32,22 @@ static void open_hall(struct hall *hall, bool calibrated, int missing)
 
 static void with_take(struct hall *hall, gconstpointer data)
 {
-    open_hall(hall, true, -1);
+    open_hall(hall, true, -1, 0);
+}
+
+static void with_take_on_a_full_disk(struct hall *hall, gconstpointer data)
+{
+    open_hall(hall, true, -1, UINT64_C(1) << 60);
 }
 
 static void with_take_lacking_light_3(struct hall *hall, gconstpointer data)
 {
-    open_hall(hall, true, 3);
+    open_hall(hall, true, 3, 0);
 }
 
 static void with_uncalibrated_take(struct hall *hall, gconstpointer data)
 {
-    open_hall(hall, false, -1);
+    open_hall(hall, false, -1, 0);
 }
 
 static void leave(struct hall *hall, gconstpointer data)
@@ -343,7 +349,7 @@ static void wrong_relights_are_refused(struct hall *hall, gconstpointer data)
     g_assert_cmpuint(number, ==, 202);
     r.channels[1] = polarised;
     g_byte_array_unref(relit(hall, &r, &number));
-    g_assert_cmpuint(number, ==, 403);
+    g_assert_cmpuint(number, ==, 108);
     a_relight(&r, hall, LIGHTSTAGE__WEIGHT_MODE__SHARED);
     r.region.x = 100;
     r.region.width = 51;
@@ -444,6 +450,11 @@ static void a_promoted_fetch_is_white_times_the_ratio(struct hall *hall, gconstp
     g_assert_cmpuint(number, ==, LS_PROTO_UNSUPPORTED); /* as a mosaic */
     g_byte_array_unref(got);
     fetch.layout = LIGHTSTAGE__LAYOUT__RGB;
+    fetch.full_sphere = true;
+    got = fetched(hall, &fetch, &number);
+    g_assert_cmpuint(number, ==, LS_PROTO_UNSUPPORTED); /* is photographed */
+    g_byte_array_unref(got);
+    fetch.full_sphere = false;
     got = fetched(hall, &fetch, &number);
     g_assert_cmpuint(number, ==, 0);
     add(expected, hall->take, one, ratio, -1);
@@ -517,6 +528,26 @@ static void a_full_sphere_needs_its_calibrated_duty(struct hall *hall, gconstpoi
     assert_close(got, expected, TAKE_PIXELS, hall->take->scale * 7);
     g_byte_array_unref(got);
     g_free(expected);
+}
+
+/* Room that takes may not use is not for maps either; what needs none is served. */
+static void maps_leave_the_reserve_free(struct hall *hall, gconstpointer data)
+{
+    Lightstage__Fetch fetch;
+    static char red[] = "R";
+    uint32_t number, light = 0;
+    a_fetch(&fetch, hall);
+    fetch.lights = &light;
+    fetch.n_lights = 1;
+    g_byte_array_unref(fetched(hall, &fetch, &number));
+    g_assert_cmpuint(number, ==, 0);
+    fetch.channel = red;
+    fetch.model = LIGHTSTAGE__MODEL__SPHERE;
+    fetch.layout = LIGHTSTAGE__LAYOUT__RGB;
+    char *text = refusal_of_fetch(hall, &fetch, &number);
+    g_assert_cmpuint(number, ==, LS_PROTO_STORAGE_FULL);
+    g_assert_nonnull(strstr(text, "stay reserved"));
+    g_free(text);
 }
 
 /* ---- takes ---- */
@@ -787,6 +818,7 @@ int main(int argc, char **argv)
     ADD("a-picture-outside-the-plan-is-not-called-missing", with_take,
         a_picture_outside_the_plan_is_not_called_missing);
     ADD("all-lights-come-when-none-is-named", with_take, all_lights_come_when_none_is_named);
+    ADD("maps-leave-the-reserve-free", with_take_on_a_full_disk, maps_leave_the_reserve_free);
     ADD("a-full-sphere-needs-its-calibrated-duty", with_take,
         a_full_sphere_needs_its_calibrated_duty);
     ADD("a-take-is-listed-shown-and-verified", with_take, a_take_is_listed_shown_and_verified);

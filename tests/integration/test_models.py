@@ -160,7 +160,7 @@ def test_a_take_says_what_a_model_lacks_and_what_it_offers(folder):
     harness.refuses('kind "segments"', fetch("C", "linear"), 5)
     harness.refuses("for A it offers model sphere, model headlight, model separated, model linear",
                     fetch("A", "measured"), 5)
-    harness.refuses("polariser", fetch("V", "sphere"), 7)
+    harness.refuses("never promoted; for V it offers model measured", fetch("V", "sphere"), 4)
     harness.refuses("belongs to model sphere", fetch("A", "linear", "--reference", "paper"), 4)
     document["calibration"]["pattern_factors"] = [
         f for f in document["calibration"]["pattern_factors"] if f["pattern"] == "sphere"]
