@@ -13,13 +13,6 @@ static const double trust_from = 4, trust_all = 10; /* sigma */
 static const double departure = 8;
 static const float demosaic_sigma = 0.05f; /* of the range of V around a sample */
 
-void ls_promote_denominator_row(const struct ls_field *field, uint32_t s, float *row)
-{
-    const double *g = field->g + (size_t)s * field->n_lights;
-    for (uint32_t i = 0; i < field->n_lights; i++)
-        row[i] = (float)(g[i] * field->k[i]);
-}
-
 double ls_promote_sphere_factor(const struct ls_field *field, uint32_t s)
 {
     return field->factor[s] / field->duty[s];

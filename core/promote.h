@@ -41,9 +41,6 @@ enum {
         LS_RATIO_HALO_PX + LS_CONTRAST_HALO_PX, /* with sigma made of V's contrast */
 };
 
-/** Weight row of V for spectrum @s: row[i] = g(i,s) k(i,0). For ls_accumulate. row[n_lights]. */
-void ls_promote_denominator_row(const struct ls_field *field, uint32_t s, float *row);
-
 /** What a stored picture of the sphere of spectrum @s is multiplied by to be F: factor / duty. */
 double ls_promote_sphere_factor(const struct ls_field *field, uint32_t s);
 

@@ -17,7 +17,7 @@ struct pass {
     const struct ls_accumulate_job *job;
     const struct ls_tile_region *region;
     size_t width, height; /* of the region, px */
-    size_t sum_stride;
+    size_t row_stride, sum_stride;
     float *sums;
     float *weights; /* [n_pictures][n_sums] */
     uint32_t chunk; /* pixels summed at a time, so that their sums stay in the second cache */
@@ -48,7 +48,8 @@ static void hand_over(const struct pass *pass, const struct tile *tile, uint32_t
         uint32_t x = at % tile->width, y = at / tile->width;
         uint32_t left = first + count - at, n = tile->width - x < left ? tile->width - x : left;
         for (uint32_t q = 0; q < pass->job->n_sums; q++)
-            memcpy(pass->sums + q * pass->sum_stride + (tile->y + y) * pass->width + tile->x + x,
+            memcpy(pass->sums + q * pass->sum_stride + (tile->y + y) * pass->row_stride + tile->x +
+                       x,
                    pass->acc + (size_t)q * pass->chunk + (at - first), sizeof *pass->acc * n);
         at += n;
     }
@@ -140,11 +141,14 @@ static enum ls_err check(const struct ls_field *field, const struct ls_accumulat
                        "relight: an error of %g is asked for: expected a "
                        "number >= 0, and the maxima of the tiles",
                        job->max_error);
-    uint64_t pixels = (uint64_t)ls_region_width_px(field, r) * ls_region_height_px(field, r);
-    if (job->sum_stride && job->sum_stride < pixels)
+    uint64_t width = ls_region_width_px(field, r), height = ls_region_height_px(field, r);
+    uint64_t row = job->row_stride ? job->row_stride : width, sum = row * (height - 1) + width;
+    if (row < width || (job->sum_stride && job->sum_stride < sum))
         return ls_fail(diag, LS_ERR_INVALID,
-                       "relight: sums %zu apart: expected at least the %llu pixels of the region",
-                       job->sum_stride, (unsigned long long)pixels);
+                       "relight: rows %zu and sums %zu apart: expected at least the %llu x %llu "
+                       "pixels of the region",
+                       job->row_stride, job->sum_stride, (unsigned long long)width,
+                       (unsigned long long)height);
     for (uint32_t q = 0; q < job->n_sums; q++)
         for (uint32_t i = 0; i < job->n_pictures; i++)
             if (!isfinite(weight(job, q, i)))
@@ -204,12 +208,15 @@ enum ls_err ls_accumulate_with(const struct ls_accumulate_kernels *kernels,
                         .region = region,
                         .width = ls_region_width_px(field, region),
                         .height = ls_region_height_px(field, region),
+                        .row_stride = job->row_stride,
                         .sum_stride = job->sum_stride,
                         .sums = sums,
                         .chunk = chunk_px(job->n_sums),
                         .report = report ? report : &unused};
+    if (!pass.row_stride)
+        pass.row_stride = pass.width;
     if (!pass.sum_stride)
-        pass.sum_stride = pass.width * pass.height;
+        pass.sum_stride = pass.row_stride * pass.height;
     size_t n = job->n_pictures;
     LS_CLEANUP_FREE float *weights = malloc((n * job->n_sums + 1) * sizeof *weights);
     LS_CLEANUP_FREE float *acc = malloc((size_t)pass.chunk * job->n_sums * sizeof *acc);

@@ -26,7 +26,8 @@ struct ls_accumulate_job {
     uint32_t n_sums;
     const float *weights;  /* [n_sums][n_pictures] */
     const float *tile_max; /* [tiles_y * tiles_x][n_pictures], max |value| of the tile; or NULL */
-    size_t sum_stride;     /* floats from sum to sum in the result; 0 = the region's pixels */
+    size_t row_stride;     /* floats from row to row of a sum; 0 = the region's width */
+    size_t sum_stride;     /* floats from sum to sum; 0 = its rows */
     double max_error;      /* per sum and pixel, in stored units: what may be left out; 0 = none.
                               Needs tile_max */
 };
@@ -39,8 +40,9 @@ struct ls_accumulate_report {
 };
 
 /**
- * sums[n_sums][height][width] of the region's pixels: sums[q] = sum_i weights[q][i] picture_i; a
- * larger sum_stride leaves room behind each sum, for the rows of a window that rolls.
+ * sums[n_sums][height][width] of the region's pixels: sums[q] = sum_i weights[q][i] picture_i.
+ * Larger strides put a region in its place among others', between them nothing is written
+ * (core/relight_rows.h).
  * A picture whose weight is 0 in every sum is never read, nor is a NULL tile. With max_error, the
  * pairs of least bound (ties: lowest picture) are left out of a tile as long as what is left out
  * stays under max_error in every sum; report->bound says how much that is.
@@ -67,13 +69,14 @@ ls_accumulate_with(const struct ls_accumulate_kernels *kernels, const struct ls_
                    const struct ls_accumulate_job *job, const struct ls_tile_region *region,
                    float *sums, struct ls_accumulate_report *report, struct ls_diag *diag);
 
-/** Weight row of a relit spectrum: row[i] = w[i * stride] k(i,0), w in radiance x sr. */
-void ls_relight_row(const struct ls_field *field, const double *w, size_t stride, float *row);
+/** Weight row of @n lights, for ls_accumulate: row[i] = w[i] k[i], @w in radiance x sr, @k the gains
+ * of their pictures. @w NULL = 1. Of relit white w is the environment's, of Eq. 1's denominator the
+ * strengths g(i,s) (core/promote.h). RT-safe. */
+void ls_relight_row(const double *k, const double *w, uint32_t n, float *row);
 
-/** Weight row of the tristimulus baseline for camera channel @c, as `ls_relight_row` over p(0,c).
- */
-void ls_relight_tristimulus_row(const struct ls_field *field, const double *w, size_t stride,
-                                uint32_t c, float *row);
+/** The tristimulus baseline: weights of white for camera channel @c from those of the light, in
+ * place: w[i] / p(0,c); mono has one channel for all. [n_lights]. RT-safe. */
+void ls_relight_tristimulus(const struct ls_field *field, uint32_t c, double *w);
 
 /** Demosaic a sum as the field says: @window is what of the picture @sum holds
  * ([window.height][window.width]),

@@ -4,17 +4,16 @@
 #include <stdlib.h>
 #include <string.h>
 
-void ls_relight_row(const struct ls_field *field, const double *w, size_t stride, float *row)
+void ls_relight_row(const double *k, const double *w, uint32_t n, float *row)
 {
-    for (uint32_t i = 0; i < field->n_lights; i++)
-        row[i] = (float)(w[i * stride] * field->k[i]);
+    for (uint32_t i = 0; i < n; i++)
+        row[i] = (float)((w ? w[i] : 1) * k[i]);
 }
 
-void ls_relight_tristimulus_row(const struct ls_field *field, const double *w, size_t stride,
-                                uint32_t c, float *row)
+void ls_relight_tristimulus(const struct ls_field *field, uint32_t c, double *w)
 {
     for (uint32_t i = 0; i < field->n_lights; i++)
-        row[i] = (float)(w[i * stride] * field->k[i] / field->p[c]);
+        w[i] /= field->p[field->n_channels == 1 ? 0 : c];
 }
 
 enum ls_err ls_relight_demosaic(const struct ls_field *field, const float *sum,

@@ -1,13 +1,9 @@
 #include "daemon/light_set.h"
 
+#include "core/relight.h"
+
 #include <math.h>
 #include <stdlib.h>
-
-static void fill_single(const struct ls_light_group *group, const double *w, float *row)
-{
-    for (uint32_t i = 0; i < group->n; i++)
-        row[i] = (float)((w ? w[i] : 1) * group->k[i]);
-}
 
 static enum ls_err fill_multiplexed(const struct ls_light_group *group, const double *w,
                                     uint32_t n_lights, float *row, struct ls_diag *diag)
@@ -33,7 +29,7 @@ enum ls_err ls_light_set_row(const struct ls_light_set *set, const double *w, ui
         if (group->order > 0)
             err = fill_multiplexed(group, w, n_lights, row + group->first, diag);
         else
-            fill_single(group, w, row + group->first);
+            ls_relight_row(group->k, w, group->n, row + group->first);
     }
     return err;
 }

@@ -12,7 +12,7 @@ enum { BAND_ROWS = 128, PADDED_ROWS = BAND_ROWS + 2 * LS_PROMOTE_HALO_PX };
 struct pass {
     const struct ls_field *field;
     const struct ls_ratio_job *job;
-    struct ls_row_sums v, f;
+    struct ls_relight_rows v, f;
     float *v_rgb, *f_rgb, *sigma, *ratio; /* padded band, [height][width][n_channels] */
 };
 
@@ -45,8 +45,8 @@ static struct band band_at(const struct ls_field *field, uint32_t y0)
 
 static void pass_finish(struct pass *pass)
 {
-    ls_row_sums_finish(&pass->v);
-    ls_row_sums_finish(&pass->f);
+    ls_relight_rows_finish(&pass->v);
+    ls_relight_rows_finish(&pass->f);
     free(pass->v_rgb);
     free(pass->f_rgb);
     free(pass->sigma);
@@ -65,8 +65,8 @@ static enum ls_err pass_init(struct pass *pass, struct ls_diag *diag)
         .pictures = job->f, .n_pictures = job->n_f, .n_sums = job->n, .weights = job->f_rows};
     const struct ls_demosaic_region whole = {0, 0, field->width, field->height};
     size_t padded = (size_t)field->width * PADDED_ROWS * field->n_channels * sizeof(float);
-    ls_row_sums_init(&pass->v, field, &v, &whole, 0);
-    ls_row_sums_init(&pass->f, field, &f, &whole, 0);
+    ls_relight_rows_init(&pass->v, field, &v, &whole, 0);
+    ls_relight_rows_init(&pass->f, field, &f, &whole, 0);
     pass->v_rgb = malloc(padded);
     pass->f_rgb = malloc(padded);
     pass->sigma = malloc(padded);
@@ -86,8 +86,8 @@ static enum ls_err fill_sigma(struct pass *pass, const struct band *band, uint32
         ls_promote_sigma(pass->field, row, job->n_v, pass->v_rgb, n, pass->sigma);
         return LS_OK;
     }
-    err = ls_relight_demosaic(pass->field, ls_row_sums_get(&pass->v, job->n + q), pass->v.window,
-                              band->padded, pass->ratio);
+    err = ls_relight_demosaic(pass->field, ls_relight_rows_get(&pass->v, job->n + q),
+                              pass->v.window, band->padded, pass->ratio);
     ls_promote_sigma_light(pass->field, row, job->n_v, pass->ratio, n, pass->sigma);
     return err;
 }
@@ -100,11 +100,11 @@ static enum ls_err one_ratio(struct pass *pass, const struct band *band, uint32_
     uint32_t colours = field->n_channels;
     size_t n = (size_t)band->padded.width * band->padded.height * colours;
     size_t row = (size_t)field->width * colours;
-    enum ls_err err = ls_relight_demosaic(field, ls_row_sums_get(&pass->v, q), pass->v.window,
+    enum ls_err err = ls_relight_demosaic(field, ls_relight_rows_get(&pass->v, q), pass->v.window,
                                           band->padded, pass->v_rgb);
     if (!err)
-        err = ls_relight_demosaic(field, ls_row_sums_get(&pass->f, q), pass->f.window, band->padded,
-                                  pass->f_rgb);
+        err = ls_relight_demosaic(field, ls_relight_rows_get(&pass->f, q), pass->f.window,
+                                  band->padded, pass->f_rgb);
     if (err)
         return ls_fail(diag, err, "rows %u to %u cannot be demosaiced", band->top, band->end);
     err = fill_sigma(pass, band, q, n);
@@ -123,9 +123,10 @@ static enum ls_err one_ratio(struct pass *pass, const struct band *band, uint32_
 
 static enum ls_err one_band(struct pass *pass, const struct band *band, struct ls_diag *diag)
 {
-    enum ls_err err = ls_row_sums_need(&pass->v, band->top, band->end, diag);
+    const struct ls_crew crew = {.n_threads = ls_crew_threads()};
+    enum ls_err err = ls_row_sums_need(&pass->v, &crew, band->top, band->end, diag);
     if (!err)
-        err = ls_row_sums_need(&pass->f, band->top, band->end, diag);
+        err = ls_row_sums_need(&pass->f, &crew, band->top, band->end, diag);
     for (uint32_t q = 0; q < pass->job->n && !err; q++)
         err = one_ratio(pass, band, q, diag);
     return err;

@@ -1,5 +1,7 @@
 #include "daemon/relight_job.h"
 
+#include "core/relight.h"
+#include "daemon/crew.h"
 #include "daemon/picture_region.h"
 #include "daemon/render.h"
 #include "proto/frame.h"
@@ -59,11 +61,9 @@ static enum ls_err channel_of(const struct relight_job *self, const char *name, 
 static void tristimulus_term(const struct relight_job *self, uint32_t c, double *weights,
                              struct ls_render_term *term)
 {
-    const struct ls_field *field = &self->source->field;
     *term = (struct ls_render_term){
         .channel = self->source->channel_of[0], .weights = weights, .target = (int32_t)c};
-    for (uint32_t i = 0; i < self->n_lights; i++)
-        weights[i] /= field->p[field->n_channels == 1 ? 0 : c];
+    ls_relight_tristimulus(&self->source->field, c, weights);
 }
 
 static enum ls_err spectral_term(const struct relight_job *self, uint32_t row,
@@ -107,6 +107,7 @@ static enum ls_err open_render(struct relight_job *self, struct ls_diag *diag)
                                       .n_pictures = self->n_pictures,
                                       .region = self->region,
                                       .max_error = self->max_error,
+                                      .n_threads = ls_crew_threads(),
                                       .asker = &self->job};
     return err ? err : ls_render_open(self->source, &job, &self->render, diag);
 }

@@ -189,14 +189,15 @@ static double amplification(const struct ls_render *render)
     return filter * fmax(most, 1);
 }
 
-/* What a band of all pictures holds in memory: sums over two rows of tiles, what is made of
- * polarised pictures, and the pictures. One picture gets what it needs. */
+/* What a band of all pictures holds in memory: sums over a row of tiles and the rows kept beside
+ * it, what is made of polarised pictures, and the pictures. One picture gets what it needs. */
 static enum ls_err check_room(const struct ls_render *render, struct ls_diag *diag)
 {
     static const double most = 256 << 20;
-    double sums = 0, row = (double)render->region.width * LS_TILE_SIDE * sizeof(float);
+    double sums = 0, rows = LS_TILE_SIDE + 2 * LS_DEMOSAIC_HALO;
+    double row = rows * render->region.width * sizeof(float);
     for (uint32_t k = 0; k < render->n_streams; k++)
-        sums += 2 * render->streams[k].n;
+        sums += render->streams[k].n;
     double separated = 3.0 * render->source->field.n_channels * render->n_separated;
     double need = row * (sums + separated + 3.0 * render->n_pictures);
     if (render->n_pictures > 1 && need > most)
@@ -224,7 +225,7 @@ static void start_streams(struct ls_render *render, double max_error)
             job.tile_max = stream->set->tile_max;
             job.max_error = render->sum_error;
         }
-        ls_row_sums_init(&stream->sums, field, &job, &render->region, LS_DEMOSAIC_HALO);
+        ls_relight_rows_init(&stream->sums, field, &job, &render->region, LS_DEMOSAIC_HALO);
     }
 }
 
@@ -239,6 +240,7 @@ enum ls_err ls_render_open(struct ls_field_source *source, const struct ls_rende
     render->promotion = job->promotion;
     render->region = job->region;
     render->mosaic = job->mosaic;
+    render->crew.n_threads = job->n_threads;
     render->n_pictures = job->n_pictures;
     render->next_y = job->region.y;
     render->lights_used = count_lights(job, source->field.n_lights);
@@ -269,14 +271,13 @@ enum ls_err ls_render_step(struct ls_render *render, struct ls_demosaic_region *
 {
     const struct ls_demosaic_region *r = &render->region;
     uint32_t height = render->source->height, y = render->next_y;
-    uint32_t end = (y / LS_TILE_SIDE + 1) * LS_TILE_SIDE;
+    uint32_t end = ls_relight_band_end(&render->source->field, r, y, LS_DEMOSAIC_HALO);
     enum ls_err err = LS_OK;
-    end = end < r->y + r->height ? end : r->y + r->height;
     *pixels = NULL;
     uint32_t top = y > LS_DEMOSAIC_HALO ? y - LS_DEMOSAIC_HALO : 0;
     uint32_t below = height - end > LS_DEMOSAIC_HALO ? end + LS_DEMOSAIC_HALO : height;
     for (uint32_t k = 0; k < render->n_streams && !err; k++)
-        err = ls_row_sums_need(&render->streams[k].sums, top, below, diag);
+        err = ls_row_sums_need(&render->streams[k].sums, &render->crew, top, below, diag);
     if (err)
         return err;
     *band = (struct ls_demosaic_region){r->x, y, r->width, end - y};
@@ -316,7 +317,7 @@ void ls_render_close(struct ls_render *render)
     if (!render)
         return;
     for (uint32_t k = 0; k < render->n_streams; k++) {
-        ls_row_sums_finish(&render->streams[k].sums);
+        ls_relight_rows_finish(&render->streams[k].sums);
         free(render->streams[k].weights);
     }
     ls_separation_finish(&render->separation);

@@ -1,11 +1,12 @@
 /*
  * render: pictures made of a take's field by a model of promotion, band by band from top to bottom.
- * Layer: daemon. Threads: one at a time per object. Ownership: see each function; the source
- * outlives it.
+ * Layer: daemon. Threads: one at a time per object; a step may start more. Ownership: see each
+ * function; the source outlives it.
  *
  * A single light of a promoted field is a picture with one weight; a relit picture is one with
- * many. Each tile row of the field is read once (polarised pictures: once per band). The result is
- * bit-identical to making the whole picture at once.
+ * many. Each tile row of the field is read once (polarised pictures: with every band that touches
+ * it). The result is bit-identical to making the whole picture at once, whatever the number of
+ * threads.
  */
 #ifndef LS_DAEMON_RENDER_H
 #define LS_DAEMON_RENDER_H
@@ -33,8 +34,9 @@ struct ls_render_job {
     const struct ls_render_term *terms; /* [n_terms], read by open only */
     uint32_t n_terms, n_pictures;
     struct ls_demosaic_region region; /* inside the picture */
-    double max_error; /* what may be left out of each picture and pixel, in R before promotion */
-    bool mosaic;      /* one term, photographed: the sum before demosaicing */
+    double max_error;   /* what may be left out of each picture and pixel, in R before promotion */
+    bool mosaic;        /* one term, photographed: the sum before demosaicing */
+    unsigned n_threads; /* that share a step, at most LS_CREW_MAX_THREADS; 0 = the caller's alone */
     const struct ls_job *asker; /* open stops soon after it is cancelled; or NULL */
 };
 

@@ -13,7 +13,7 @@ static enum ls_err out_of_memory(struct ls_diag *diag)
 
 static const float *sum_at(const struct ls_render *render, struct ls_render_sum sum)
 {
-    return ls_row_sums_get(&render->streams[sum.stream].sums, sum.q);
+    return ls_relight_rows_get(&render->streams[sum.stream].sums, sum.q);
 }
 
 static struct ls_demosaic_region window_of(const struct ls_render *render, struct ls_render_sum sum)
@@ -141,20 +141,22 @@ static enum ls_err finish_picture(const struct ls_render *render, struct ls_demo
         window = window_of(render, part->sums[0]); /* the same of every stream */
         n += fill_terms(render, part, band, &room, terms + n);
     }
-    return n == 0
-               ? LS_OK
-               : ls_relight_finish(&render->source->field, window, band, terms, n, NULL, out, diag);
+    if (n > 0)
+        return ls_relight_finish(&render->source->field, window, band, terms, n, NULL, out, diag);
+    memset(out, 0, 3 * (size_t)band.width * band.height * sizeof *out);
+    return LS_OK;
 }
 
+/* Fills all pictures; they lie @stride apart. */
 static enum ls_err finish_direct(const struct ls_render *render, struct ls_demosaic_region band,
-                                 float *pixels, struct ls_diag *diag)
+                                 float *pixels, size_t stride, struct ls_diag *diag)
 {
     size_t n = (size_t)band.width * band.height, columns, n_terms = count_terms(render, &columns);
     LS_CLEANUP_FREE struct ls_relight_term *terms = calloc(n_terms + 1, sizeof *terms);
     LS_CLEANUP_FREE float *room = malloc((columns * n + 1) * sizeof *room);
     enum ls_err err = terms && room ? LS_OK : out_of_memory(diag);
     for (uint32_t k = 0; k < render->n_pictures && !err; k++)
-        err = finish_picture(render, band, k, room, terms, pixels + 3 * n * k, diag);
+        err = finish_picture(render, band, k, room, terms, pixels + stride * k, diag);
     return err;
 }
 
@@ -278,25 +280,52 @@ static void finish_mosaic(const struct ls_render *render, struct ls_demosaic_reg
 
 /* ---- all of it ---- */
 
-enum ls_err ls_render_make_band(struct ls_render *render, struct ls_demosaic_region band,
+/* A band, whose rows its threads share: so many at a time. */
+struct band {
+    const struct ls_render *render;
+    struct ls_demosaic_region region;
+    uint32_t rows;
+    float *pixels;
+    size_t stride; /* from picture to picture */
+};
+
+/* What is made of sums over lights, in some rows of every picture. */
+static enum ls_err finish_sums(void *data, uint32_t piece, unsigned thread, struct ls_diag *diag)
+{
+    const struct band *band = data;
+    const struct ls_render *render = band->render;
+    struct ls_demosaic_region part = band->region;
+    uint32_t first = piece * band->rows;
+    float *pixels = band->pixels + 3 * (size_t)first * part.width;
+    part.y += first;
+    part.height = part.height - first < band->rows ? part.height - first : band->rows;
+    if (render->mosaic) {
+        finish_mosaic(render, part, pixels);
+        return LS_OK;
+    }
+    enum ls_err err = finish_direct(render, part, pixels, band->stride, diag);
+    for (uint32_t k = 0; k < render->n_parts && !err; k++) {
+        const struct ls_render_part *p = &render->parts[k];
+        if (p->way.kind == LS_WAY_MATRIX && !is_plain_matrix(render, p))
+            err = finish_matrix(render, p, part, pixels + band->stride * p->picture, diag);
+    }
+    return err;
+}
+
+enum ls_err ls_render_make_band(struct ls_render *render, struct ls_demosaic_region region,
                                 float **pixels, struct ls_diag *diag)
 {
-    size_t n = (size_t)band.width * band.height;
-    LS_CLEANUP_FREE float *out = calloc(3 * n * render->n_pictures, sizeof *out);
+    enum { PIECE_ROWS = 16 }; /* several of ls_relight_finish's steps, a few pieces for a thread */
+    size_t stride = 3 * (size_t)region.width * region.height;
+    LS_CLEANUP_FREE float *out = malloc(stride * render->n_pictures * sizeof *out);
     if (!out)
         return out_of_memory(diag);
-    enum ls_err err = LS_OK;
-    if (render->mosaic)
-        finish_mosaic(render, band, out);
-    else
-        err = finish_direct(render, band, out, diag);
-    for (uint32_t k = 0; k < render->n_parts && !err; k++) {
-        const struct ls_render_part *part = &render->parts[k];
-        if (part->way.kind == LS_WAY_MATRIX && !is_plain_matrix(render, part))
-            err = finish_matrix(render, part, band, out + 3 * n * part->picture, diag);
-    }
+    struct band band = {render, region, render->crew.n_threads > 1 ? PIECE_ROWS : region.height,
+                        out, stride};
+    uint32_t n = (region.height + band.rows - 1) / band.rows;
+    enum ls_err err = ls_crew_run(&render->crew, n, finish_sums, &band, diag);
     if (!err && render->n_separated > 0)
-        err = finish_all_separated(render, band, out, diag);
+        err = finish_all_separated(render, region, out, diag);
     if (err)
         return err;
     *pixels = out;

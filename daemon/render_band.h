@@ -16,7 +16,7 @@ struct ls_render_stream {
     const struct ls_light_set *set;
     uint32_t n;
     float *weights; /* [n][set->n_pictures], gains applied */
-    struct ls_row_sums sums;
+    struct ls_relight_rows sums;
 };
 
 struct ls_render_sum {
@@ -38,6 +38,7 @@ struct ls_render {
     struct ls_demosaic_region region;
     uint32_t n_pictures, next_y, lights_used;
     bool mosaic;
+    struct ls_crew crew;
     double error_scale; /* error of one sum, stored, to that of a picture */
     double sum_error;   /* what may be left out of one sum, stored */
 

@@ -17,7 +17,7 @@ struct pass {
     float **maps;
     float *rows;    /* [n][n_lights], g(i,s) */
     float *spheres; /* [n][n_spectra] */
-    struct ls_row_sums f;
+    struct ls_relight_rows f;
     float *diffuse, *specular, *conductor; /* [n][padded band][n_channels] */
     float *f_rgb, *sigma, *ratio;          /* [padded band][n_channels] */
 };
@@ -43,7 +43,7 @@ static struct band band_at(const struct ls_field *field, uint32_t y0)
 
 static void pass_finish(struct pass *pass)
 {
-    ls_row_sums_finish(&pass->f);
+    ls_relight_rows_finish(&pass->f);
     free(pass->rows);
     free(pass->spheres);
     free(pass->diffuse);
@@ -87,7 +87,7 @@ static enum ls_err pass_init(struct pass *pass, struct ls_diag *diag)
                                         .n_pictures = field->n_spectra,
                                         .n_sums = pass->n,
                                         .weights = pass->spheres};
-    ls_row_sums_init(&pass->f, field, &f, &whole, 0);
+    ls_relight_rows_init(&pass->f, field, &f, &whole, 0);
     return LS_OK;
 }
 
@@ -101,7 +101,7 @@ static enum ls_err one_ratio(struct pass *pass, const struct band *band, uint32_
     const float *weights = pass->rows + (size_t)q * field->n_lights;
     double tint[3];
     ls_separation_tint(pass->separation, pass->source, pass->spectra[q], tint);
-    enum ls_err err = ls_relight_demosaic(field, ls_row_sums_get(&pass->f, q), pass->f.window,
+    enum ls_err err = ls_relight_demosaic(field, ls_relight_rows_get(&pass->f, q), pass->f.window,
                                           band->padded, pass->f_rgb);
     if (err)
         return ls_fail(diag, err, "rows %u to %u cannot be demosaiced", band->y0, band->y1);
@@ -122,6 +122,7 @@ static enum ls_err one_ratio(struct pass *pass, const struct band *band, uint32_
 
 static enum ls_err one_band(struct pass *pass, const struct band *band, struct ls_diag *diag)
 {
+    const struct ls_crew crew = {.n_threads = ls_crew_threads()};
     const struct ls_field *field = &pass->source->field;
     const struct ls_separated_job job = {.field = &pass->separation->field,
                                          .n_rows = pass->n,
@@ -132,7 +133,7 @@ static enum ls_err one_band(struct pass *pass, const struct band *band, struct l
     uint32_t end = band->padded.y + band->padded.height;
     uint32_t top = band->padded.y > LS_DEMOSAIC_HALO ? band->padded.y - LS_DEMOSAIC_HALO : 0;
     enum ls_err err =
-        ls_row_sums_need(&pass->f, top, below(end, LS_DEMOSAIC_HALO, field->height), diag);
+        ls_row_sums_need(&pass->f, &crew, top, below(end, LS_DEMOSAIC_HALO, field->height), diag);
     if (!err)
         err = ls_separated_accumulate(&job, pass->diffuse, pass->specular, pass->conductor, &report,
                                       diag);

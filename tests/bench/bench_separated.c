@@ -117,11 +117,8 @@ int main(int argc, char **argv)
     s.kernels = ls_separated_kernels(ls_cpu_isa());
     struct setting dielectric = s;
     dielectric.out[2] = NULL;
-    struct bench_relight plain = {.field = &s.take->field,
-                                  .kernels = ls_accumulate_kernels(ls_cpu_isa()),
-                                  .n_threads = THREADS,
-                                  .n_sums = SPECTRA,
-                                  .weights = s.both};
+    struct bench_relight plain = {
+        .field = &s.take->field, .n_threads = THREADS, .n_sums = SPECTRA, .weights = s.both};
     struct reference_fma fma = {ls_cpu_isa(), THREADS, bench_size(&bench, 1u << 22, 1u << 10), 0,
                                 0};
     struct bench_task tasks[] = {
@@ -129,9 +126,7 @@ int main(int argc, char **argv)
         {.name = "six sums of V and H", .run = bench_relight, .data = &plain},
         {.name = "separated, all dielectric", .run = separated, .data = &dielectric},
         {.name = "separated", .run = separated, .data = &s}};
-    bench_relight_init(&plain);
     bench_time(&bench, tasks, 4);
-    bench_relight_finish(&plain);
     /* D, S and three colours of conductor, for each light, spectrum and pixel */
     double adds = 5.0 * SPECTRA * s.n_lights * s.field.width * s.field.height;
     print(&s, "relight_separated", &tasks[3], "six sums of V and H, as Eq. 1", tasks[1].best_s);

@@ -241,7 +241,6 @@ static void contestant_init(struct contestant *c, struct setting *s, enum way wa
     c->relight = (struct bench_relight){.field = way == BILINEAR   ? &s->bilinear
                                                  : way == MEASURED ? &s->every
                                                                    : &s->take->field,
-                                        .kernels = ls_accumulate_kernels(ls_cpu_isa()),
                                         .n_threads = THREADS,
                                         .n_sums = way == MEASURED ? 1 : SPECTRA,
                                         .weights = way == MEASURED ? s->every_weights : s->weights,
@@ -255,12 +254,10 @@ static void contestant_init(struct contestant *c, struct setting *s, enum way wa
         c->relight.tile_max = s->take->tile_max;
         c->relight.max_error = skips[way - SKIP].of_white * s->take->white_level / amplification;
     }
-    bench_relight_init(&c->relight);
 }
 
 static void contestant_finish(struct contestant *c)
 {
-    bench_relight_finish(&c->relight);
     free(c->out);
 }
 
@@ -344,7 +341,7 @@ static void bound_row(struct setting *s, enum way way, const struct contestant *
     char name[64];
     struct bench_relight sums[2] = {whole->relight, cut->relight};
     float *out[2];
-    double bound = bench_relight_report(&cut->relight).bound;
+    double bound = cut->relight.report.bound;
     for (int k = 0; k < 2; k++) {
         out[k] = sums[k].out = floats(3 * s->take->pixels);
         memset(sums[k].ratio, 0, sizeof sums[k].ratio);

@@ -345,12 +345,12 @@ static void test_what_is_left_out_stays_under_the_requested_error(void)
     pictures_finish(&p);
 }
 
-static void test_sums_lie_as_far_apart_as_asked(void)
+static void test_rows_and_sums_lie_as_far_apart_as_asked(void)
 {
     const guint32 seed = 9;
     g_autoptr(GRand) rand = g_rand_new_with_seed(seed);
     g_test_message("seed %u", seed);
-    enum { N = 5, W = 70, H = 66, SUMS = 3, APART = W * H + 17 };
+    enum { N = 5, W = 70, H = 66, SUMS = 3, ROW = W + 3, APART = ROW * H + 17 };
     struct pictures p;
     pictures_init(&p, N, W, H, rand);
     g_autofree float *w = weights(SUMS, N, rand);
@@ -359,14 +359,17 @@ static void test_sums_lie_as_far_apart_as_asked(void)
         .pictures = p.picture, .n_pictures = N, .n_sums = SUMS, .weights = w};
     struct ls_tile_region all = whole(&p.field);
     g_assert_cmpint(ls_accumulate(&p.field, &job, &all, dense, NULL, NULL), ==, LS_OK);
+    job.row_stride = ROW;
     job.sum_stride = APART;
     g_assert_cmpint(ls_accumulate(&p.field, &job, &all, spread, NULL, NULL), ==, LS_OK);
-    for (int q = 0; q < SUMS; q++) {
-        g_assert_cmpmem(spread + q * APART, W * H * 4, dense + q * W * H, W * H * 4);
-        for (int k = W * H; k < APART; k++)
-            g_assert_cmpfloat(spread[q * APART + k], ==, 0);
+    for (int k = 0; k < SUMS * APART; k++) {
+        int q = k / APART, y = k % APART / ROW, x = k % APART % ROW;
+        g_assert_cmpfloat(spread[k], ==, y < H && x < W ? dense[(q * H + y) * W + x] : 0);
     }
-    job.sum_stride = W * H - 1;
+    job.sum_stride = ROW * (H - 1) + W - 1;
+    g_assert_cmpint(ls_accumulate(&p.field, &job, &all, spread, NULL, NULL), ==, LS_ERR_INVALID);
+    job.sum_stride = 0;
+    job.row_stride = W - 1;
     g_assert_cmpint(ls_accumulate(&p.field, &job, &all, spread, NULL, NULL), ==, LS_ERR_INVALID);
     pictures_finish(&p);
 }
@@ -426,8 +429,8 @@ int main(int argc, char **argv)
                     test_what_is_left_out_stays_under_the_requested_error);
     g_test_add_func("/accumulate/stored-infinities-count-as-nothing-and-are-counted",
                     test_stored_infinities_count_as_nothing_and_are_counted);
-    g_test_add_func("/accumulate/sums-lie-as-far-apart-as-asked",
-                    test_sums_lie_as_far_apart_as_asked);
+    g_test_add_func("/accumulate/rows-and-sums-lie-as-far-apart-as-asked",
+                    test_rows_and_sums_lie_as_far_apart_as_asked);
     g_test_add_func("/accumulate/an-absent-tile-is-black", test_an_absent_tile_is_black);
     return g_test_run();
 }

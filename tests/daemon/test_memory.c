@@ -219,7 +219,8 @@ static void relight(struct made *made, Lightstage__Model model)
                                       .terms = terms,
                                       .n_terms = n,
                                       .n_pictures = 1,
-                                      .region = {0, 0, WIDTH, HEIGHT}};
+                                      .region = {0, 0, WIDTH, HEIGHT},
+                                      .n_threads = 2};
     enum ls_err err = ls_render_open(&made->source, &job, &render, &diag);
     g_assert_cmpstr(diag.text, ==, "");
     g_assert_cmpint(err, ==, LS_OK);

@@ -5,6 +5,7 @@
 #include "core/promote.h"
 #include "core/relight.h"
 #include "core/separated.h"
+#include "daemon/crew.h"
 #include "daemon/map_file.h"
 #include "daemon/render.h"
 #include "proto/models.h"
@@ -513,6 +514,29 @@ static void a_region_is_the_crop_of_the_whole_by_every_model(struct room *room, 
     }
 }
 
+/* Two pictures at once, in every number of threads: the same bits. */
+static void threads_do_not_show_by_any_model(struct room *room, gconstpointer data)
+{
+    struct ls_render_term terms[4];
+    double w[4][FULL_LIGHTS];
+    fill_terms(terms, w);
+    for (size_t m = 0; m < G_N_ELEMENTS(models); m++) {
+        struct ls_render_job job = {.promotion = {.model = models[m]},
+                                    .terms = terms,
+                                    .n_terms = 4,
+                                    .n_pictures = 2,
+                                    .region = {1, 3, FULL_W - 1, FULL_H - 5}};
+        size_t bytes = 2 * 3 * sizeof(float) * job.region.width * job.region.height;
+        float *alone = rendered(room, &job);
+        for (job.n_threads = 1; job.n_threads <= LS_CREW_MAX_THREADS; job.n_threads++) {
+            float *together = rendered(room, &job);
+            g_assert_cmpmem(together, bytes, alone, bytes);
+            g_free(together);
+        }
+        g_free(alone);
+    }
+}
+
 /* Maps made anew, in another order, by another source: the same bits. */
 static void a_source_opened_anew_gives_the_same_bits(struct room *room, gconstpointer data)
 {
@@ -718,6 +742,8 @@ int main(int argc, char **argv)
          a_region_is_the_crop_of_the_whole_by_every_model);
     TEST("a-region-of-a-mono-camera-with-two-spectra-is-the-crop-of-the-whole", &two,
          a_region_is_the_crop_of_the_whole_by_every_model);
+    TEST("threads-do-not-show-by-any-model", NULL, threads_do_not_show_by_any_model);
+    TEST("threads-of-a-mono-camera-do-not-show", &mono, threads_do_not_show_by_any_model);
     TEST("a-source-opened-anew-gives-the-same-bits", NULL,
          a_source_opened_anew_gives_the_same_bits);
     TEST("threads-that-ask-at-once-get-the-same-bits", NULL,
