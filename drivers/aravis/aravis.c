@@ -18,7 +18,6 @@
 #include <unistd.h>
 
 enum {
-    RECEIVE_BUFFER = 32 << 20,
     INITIAL_PACKET_TIMEOUT_US = 500,
     PACKET_TIMEOUT_US = 5000,
     DEFAULT_RETENTION_US = 200000,
@@ -312,7 +311,7 @@ static enum ls_err create_stream(struct aravis *a, ArvGvStreamOption options,
     if (!a->stream)
         return ls_aravis_fail(diag, a->address, "stream", error);
     g_object_set(a->stream, "socket-buffer", ARV_GV_STREAM_SOCKET_BUFFER_FIXED,
-                 "socket-buffer-size", RECEIVE_BUFFER, "packet-resend",
+                 "socket-buffer-size", LS_ARAVIS_RECEIVE_BUFFER, "packet-resend",
                  ARV_GV_STREAM_PACKET_RESEND_ALWAYS, "initial-packet-timeout",
                  INITIAL_PACKET_TIMEOUT_US, "packet-timeout", PACKET_TIMEOUT_US, "frame-retention",
                  a->retention_us, "packet-request-ratio", 1.0, NULL);
@@ -320,11 +319,9 @@ static enum ls_err create_stream(struct aravis *a, ArvGvStreamOption options,
     if (err)
         return err;
     info->realtime = atomic_load(&a->realtime);
-    ls_aravis_describe_receive_path(options, info);
-    if (!info->packet_socket)
-        return LS_OK;
-    return ls_aravis_wait_receive_path(a->address, arv_gv_stream_get_port(ARV_GV_STREAM(a->stream)),
-                                       diag);
+    uint16_t port = arv_gv_stream_get_port(ARV_GV_STREAM(a->stream));
+    ls_aravis_prepare_receive_path(options, port, info);
+    return info->packet_socket ? ls_aravis_wait_receive_path(a->address, port, diag) : LS_OK;
 }
 
 /** Aravis binds its packet socket before it filters it: what else passes the interface in between

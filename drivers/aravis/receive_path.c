@@ -12,22 +12,9 @@
 #include <unistd.h>
 
 enum {
-    WANTED_BUFFER = 32 << 20,
     MAX_FILTER = 64,
     WAIT_MS = 2000,
 };
-
-static uint32_t sysctl_bytes(const char *path)
-{
-    unsigned long value = 0;
-    FILE *file = fopen(path, "re");
-    if (!file)
-        return 0;
-    if (fscanf(file, "%lu", &value) != 1)
-        value = 0;
-    fclose(file);
-    return value > WANTED_BUFFER ? WANTED_BUFFER : (uint32_t)value;
-}
 
 /** Aravis decides by the same attempt. */
 static bool packet_sockets_allowed(void)
@@ -61,34 +48,64 @@ static bool filters_port(int fd, uint16_t port)
     return false;
 }
 
-static bool receives(uint16_t port)
+static bool is_packet_socket_of(int fd, uint16_t port)
 {
-    bool found = false;
+    return is_bound_packet_socket(fd) && filters_port(fd, port);
+}
+
+static bool is_udp_socket_of(int fd, uint16_t port)
+{
+    int type = 0;
+    struct sockaddr_in at = {0};
+    socklen_t size = sizeof type;
+    if (getsockopt(fd, SOL_SOCKET, SO_TYPE, &type, &size) || type != SOCK_DGRAM)
+        return false;
+    size = sizeof at;
+    return getsockname(fd, (struct sockaddr *)&at, &size) == 0 && at.sin_family == AF_INET &&
+           ntohs(at.sin_port) == port;
+}
+
+/** The descriptor of this process that is the socket wanted, or -1. */
+static int find_socket(bool (*wanted)(int fd, uint16_t port), uint16_t port)
+{
+    int found = -1;
     DIR *fds = opendir("/proc/self/fd");
     if (!fds)
-        return false;
-    for (struct dirent *entry = readdir(fds); entry && !found; entry = readdir(fds)) {
+        return -1;
+    for (struct dirent *entry = readdir(fds); entry && found < 0; entry = readdir(fds)) {
         int fd = atoi(entry->d_name);
-        found = is_bound_packet_socket(fd) && filters_port(fd, port);
+        if (wanted(fd, port))
+            found = fd;
     }
     closedir(fds);
     return found;
 }
 
-void ls_aravis_describe_receive_path(ArvGvStreamOption options, struct ls_camera_info *info)
+/** As much as the kernel grants, now: Aravis asks for it when it has taken in a first packet, and
+ * the default holds 70 of 1500 bytes. The kernel counts its own bookkeeping as much again. */
+static uint32_t widen_buffer(uint16_t port)
 {
-    uint32_t max = sysctl_bytes("/proc/sys/net/core/rmem_max");
-    uint32_t initial = sysctl_bytes("/proc/sys/net/core/rmem_default");
+    int fd = find_socket(is_udp_socket_of, port), bytes = LS_ARAVIS_RECEIVE_BUFFER;
+    socklen_t size = sizeof bytes;
+    if (fd < 0)
+        return 0;
+    setsockopt(fd, SOL_SOCKET, SO_RCVBUF, &bytes, sizeof bytes);
+    return getsockopt(fd, SOL_SOCKET, SO_RCVBUF, &bytes, &size) ? 0 : (uint32_t)bytes / 2;
+}
+
+void ls_aravis_prepare_receive_path(ArvGvStreamOption options, uint16_t port,
+                                    struct ls_camera_info *info)
+{
     info->packet_socket =
         !(options & ARV_GV_STREAM_OPTION_PACKET_SOCKET_DISABLED) && packet_sockets_allowed();
-    info->receive_buffer_bytes = info->packet_socket ? 0 : initial < max ? initial : max;
+    info->receive_buffer_bytes = info->packet_socket ? 0 : widen_buffer(port);
 }
 
 enum ls_err ls_aravis_wait_receive_path(const char *address, uint16_t port, struct ls_diag *diag)
 {
     /* neither Aravis nor the kernel tells when a filter is attached: look each millisecond */
     for (int ms = 0; ms < WAIT_MS; ms++) {
-        if (receives(port))
+        if (find_socket(is_packet_socket_of, port) >= 0)
             return LS_OK;
         nanosleep(&(struct timespec){.tv_nsec = 1000000}, NULL);
     }

@@ -5,7 +5,8 @@
  * With CAP_NET_RAW Aravis reads a packet socket, which its receive thread sets up on its own
  * time: mapping the ring takes up to 100 ms, and what the camera sends before that is lost. The
  * socket is ours too, so it can be seen: bound to an interface, with a filter for the stream's
- * port. Without the capability Aravis silently reads UDP.
+ * port. Without the capability Aravis silently reads UDP, from a socket whose buffer it leaves at
+ * the kernel's default until frames come: a reader late by a few frames then loses packets.
  */
 #ifndef LS_DRIVERS_ARAVIS_RECEIVE_PATH_H
 #define LS_DRIVERS_ARAVIS_RECEIVE_PATH_H
@@ -14,8 +15,12 @@
 
 #include <arv.h>
 
-/** Say in @info which path a stream with these options takes: the same decision as Aravis'. */
-void ls_aravis_describe_receive_path(ArvGvStreamOption options, struct ls_camera_info *info);
+enum { LS_ARAVIS_RECEIVE_BUFFER = 32 << 20 }; /* bytes wanted of a UDP socket */
+
+/** Say in @info which path a stream of UDP port @port with these options takes, by the same
+ * decision as Aravis', and give a UDP socket its buffer. */
+void ls_aravis_prepare_receive_path(ArvGvStreamOption options, uint16_t port,
+                                    struct ls_camera_info *info);
 
 /** Wait for the packet socket that receives UDP port @port, at most 2 s. LS_ERR_OS: a packet
  * socket is allowed, yet none appeared. */

@@ -2,12 +2,14 @@
 #include "camera_fixture.h"
 
 #include <fcntl.h>
+#include <linux/capability.h>
 #include <semaphore.h>
 #include <signal.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 #include <sys/file.h>
+#include <sys/syscall.h>
 #include <sys/wait.h>
 #include <unistd.h>
 
@@ -281,6 +283,43 @@ static void test_receive_path(void)
     bench_close(b);
 }
 
+static void allow_packet_sockets(bool allowed)
+{
+    struct __user_cap_header_struct of_us = {.version = _LINUX_CAPABILITY_VERSION_3};
+    struct __user_cap_data_struct sets[2];
+    g_assert_no_errno((int)syscall(SYS_capget, &of_us, sets));
+    uint32_t raw = 1u << CAP_NET_RAW & sets[0].permitted;
+    sets[0].effective = allowed ? sets[0].effective | raw : sets[0].effective & ~raw;
+    g_assert_no_errno((int)syscall(SYS_capset, &of_us, sets));
+}
+
+/* What Aravis' thread does not read in time waits in the socket, from the first packet on. */
+static void test_udp(void)
+{
+    gchar *text;
+    struct bench *b = bench_new(42);
+    allow_packet_sockets(false);
+    bench_power_up(b);
+    bench_start(b, 8);
+    allow_packet_sockets(true);
+    const struct ls_camera_info *info = ls_camera_info(b->camera);
+    g_assert_false(info->packet_socket);
+    g_assert_true(g_file_get_contents("/proc/sys/net/core/rmem_max", &text, NULL, NULL));
+    g_assert_cmpuint(info->receive_buffer_bytes, ==, MIN(strtoul(text, NULL, 10), 32 << 20));
+    for (uint32_t step = 0; step < 8; step++) {
+        bench_pulse(b, step, 100);
+        bench_logged(b, step);
+    }
+    for (uint32_t step = 0; step < 8; step++) {
+        struct ls_camera_frame f = bench_next(b, SECOND_US);
+        g_assert_cmpint(f.status, ==, LS_FRAME_OK);
+        g_assert_true(bench_shows(b, &f, step));
+        ls_camera_release(b->camera, f.slot);
+    }
+    g_free(text);
+    bench_close(b);
+}
+
 /* --- other people's programs --- */
 
 /** Output of a program, or NULL if it is not installed. */
@@ -429,6 +468,8 @@ int main(int argc, char **argv)
     g_test_add_func("/camera/a-silent-camera-is-gone-within-eight-seconds", test_silence);
     g_test_add_func("/camera/a-command-to-a-silent-camera-says-gone", test_silence_on_a_command);
     g_test_add_func("/camera/the-receive-path-is-reported", test_receive_path);
+    g_test_add_func("/camera/without-a-packet-socket-the-buffer-is-what-the-kernel-grants",
+                    test_udp);
     g_test_add_func("/camera/arv-tool-lists-it-and-reads-its-features", test_arv_tool);
     g_test_add_func("/camera/arv-camera-test-streams-from-it", test_arv_camera_test);
     g_test_add_func("/camera/debians-fake-camera-works-by-software-trigger", test_debian_fake);
