@@ -65,8 +65,8 @@ static void cut(struct work *w, const float *e, const uint8_t *validity, double 
         }
 }
 
-/* What the half vector says of the light: at the stage's centre, and where this ball shows it. */
-static enum ls_err model(const struct work *w, uint32_t light, struct ls_polarisation *centre,
+/* What the half vector says of the light: on a middling subject, and where this ball shows it. */
+static enum ls_err model(const struct work *w, uint32_t light, struct ls_polarisation *assumed,
                          struct ls_polarisation *ball, struct ls_diag *diag)
 {
     const float *p = w->take->document->position_m[light];
@@ -77,7 +77,7 @@ static enum ls_err model(const struct work *w, uint32_t light, struct ls_polaris
         path.camera[k] = w->take->camera.eye_m[k];
         path.camera_up[k] = w->take->camera.up[k];
     }
-    enum ls_err err = ls_polarisation_reflect(&path, NULL, LS_POLARISATION_INDEX, centre, diag);
+    enum ls_err err = ls_polarisation_assume(&path, assumed, diag);
     if (!err)
         err = ls_polarisation_highlight(&path, w->grey->sphere.radius_m, point, diag);
     return err ? err : ls_polarisation_reflect(&path, point, LS_POLARISATION_INDEX, ball, diag);

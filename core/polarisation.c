@@ -176,6 +176,14 @@ enum ls_err ls_polarisation_reflect(const struct ls_polarisation_path *path, con
     return LS_OK;
 }
 
+enum ls_err ls_polarisation_assume(const struct ls_polarisation_path *path,
+                                   struct ls_polarisation *out, struct ls_diag *diag)
+{
+    double point[3];
+    enum ls_err err = ls_polarisation_highlight(path, LS_POLARISATION_SUBJECT_M, point, diag);
+    return err ? err : ls_polarisation_reflect(path, point, LS_POLARISATION_INDEX, out, diag);
+}
+
 /* A highlight: a patch, a ring around it, and what was found there. */
 struct highlight {
     double x, y, radius; /* px */

@@ -38,7 +38,18 @@
  * point of a subject to another, and a_H, which is small, by a good part of itself: at the centre
  * and 0.1 m beside it 0.06 and 0.04 are usual for a light 40 degrees up. A rounded subject shows a
  * light's highlight where its surface faces h, as a sphere of its size would:
- * ls_polarisation_highlight finds that point.
+ * ls_polarisation_highlight finds that point. Nobody knows the subject's shape, so one a serves all
+ * pixels of a light, and what is off puts 2 |a_H' - a_H| / |a_V - a_H| of a highlight into D. Its
+ * mean over the separable of 346 lights at 1.35 m, camera at 1.6 m, and how many of them exceed 20
+ * %:
+ *
+ *     a taken from            subject's radius  0       0.05 m     0.1 m      0.15 m
+ *     the stage's centre                        0       7 %, 22    14 %, 42   19 %, 58
+ *     a sphere of 0.075 m                       9 %, 34  3 %, 8     3 %, 8     8 %, 32
+ *     a sphere of 0.1 m                        13 %, 42  8 %, 20    0          7 %, 16
+ *     a = (1, 0), the paper's                  18 %, 76 15 %, 64   11 %, 44    8 %, 28
+ *
+ * Where nothing is measured, 0.075 m is taken: over all these subjects its worst is the least.
  *
  * Conductors reflect both polarisations nearly alike, so their own a differs from a dielectric's.
  * That does no harm where their diffuse and specular parts are promoted by the same ratio, as
@@ -100,6 +111,14 @@ LS_MUST_CHECK enum ls_err ls_polarisation_reflect(const struct ls_polarisation_p
                                                   const double point[3], double index,
                                                   struct ls_polarisation *out,
                                                   struct ls_diag *diag);
+
+/** Half a middling subject, m. */
+#define LS_POLARISATION_SUBJECT_M 0.075
+
+/** a where a sphere of LS_POLARISATION_SUBJECT_M shows the light, of LS_POLARISATION_INDEX: for
+ * subjects nobody knows, where it was not measured. Errors: those of both above. */
+LS_MUST_CHECK enum ls_err ls_polarisation_assume(const struct ls_polarisation_path *path,
+                                                 struct ls_polarisation *out, struct ls_diag *diag);
 
 /** Pictures of a black glossy sphere under one light, spans of width x height samples of one
  * channel, or mosaics; gained, so that a depolariser reads V = H. */

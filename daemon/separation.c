@@ -58,7 +58,7 @@ static enum ls_err factors_of(const struct ls_field_source *source, uint32_t lig
         path.light[a] = (double)facts->position_m[light][a];
         path.camera[a] = (double)facts->camera_position_m[a];
     }
-    return ls_polarisation_reflect(&path, NULL, LS_POLARISATION_INDEX, out, diag);
+    return ls_polarisation_assume(&path, out, diag);
 }
 
 static enum ls_err make_splits(struct ls_separation *separation,

@@ -4,7 +4,8 @@
  * into its source.
  *
  * The factors a of each light are the calibration's, measured on a black glossy sphere; where it
- * has none for this camera, those of the half vector at the stage's centre (core/polarisation.h).
+ * has none for this camera, those of the half vector on a middling subject, which may be some
+ * percent of a highlight off (ls_polarisation_assume).
  */
 #ifndef LS_DAEMON_SEPARATION_H
 #define LS_DAEMON_SEPARATION_H

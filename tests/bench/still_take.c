@@ -208,7 +208,7 @@ static void measure_rig(struct still_take *take, const struct sim_scene *scene)
             path.light[k] = (double)geometry->position_m[i][k];
             path.camera[k] = config->views[0].position_m[k];
         }
-        must(ls_polarisation_reflect(&path, NULL, LS_POLARISATION_INDEX, &a, &diag), &diag);
+        must(ls_polarisation_assume(&path, &a, &diag), &diag);
         must(ls_split_make(a, take->k[STILL_TAKE_V][i], take->k[STILL_TAKE_H][i], &take->split[i],
                            &diag),
              &diag);

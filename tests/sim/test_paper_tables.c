@@ -233,7 +233,7 @@ static void part(const struct stage *stage, const pictures *field, int light, in
     struct ls_split split;
     struct ls_diag diag = {{0}};
     float v[SAMPLES * 3], h[SAMPLES * 3];
-    ok(ls_polarisation_reflect(&path, NULL, LS_POLARISATION_INDEX, &a, &diag), &diag);
+    ok(ls_polarisation_assume(&path, &a, &diag), &diag);
     ok(ls_split_make(a, 1, 1, &split, &diag), &diag);
     for (int p = 0; p < SAMPLES; p++)
         for (int c = 0; c < colours; c++) {
