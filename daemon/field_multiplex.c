@@ -13,12 +13,18 @@ static const double sag_doubt = 0.1;
 
 /* ---- rows ---- */
 
-static bool is_each_planned(const struct ls_field_source *source, uint32_t channel)
+/* Was every light of a channel planned alone? @seen: [n_lights]. */
+static bool is_each_planned(const struct ls_field_source *source, uint32_t channel, uint8_t *seen)
 {
-    for (uint32_t i = 0; i < source->facts->n_lights; i++)
-        if (!ls_field_source_planned(source, LS_FACT_ONE, channel, i))
-            return false;
-    return true;
+    uint32_t n = 0;
+    for (uint32_t i = 0; i < source->facts->n_conditions; i++) {
+        const struct ls_condition_fact *fact = &source->facts->conditions[i];
+        if (fact->kind != LS_FACT_ONE || fact->channel != channel || seen[fact->light])
+            continue;
+        seen[fact->light] = 1;
+        n++;
+    }
+    return n == source->facts->n_lights;
 }
 
 static const struct ls_condition_fact *first_row(const struct ls_field_source *source,
@@ -89,7 +95,12 @@ enum ls_err ls_field_multiplex_find(const struct ls_field_source *source, uint32
 {
     const struct ls_condition_fact *first = first_row(source, channel);
     *out = (struct ls_light_group){.channel = channel};
-    if (!first || is_each_planned(source, channel))
+    if (!first)
+        return LS_OK;
+    LS_CLEANUP_FREE uint8_t *seen = calloc(source->facts->n_lights, 1);
+    if (!seen)
+        return ls_fail(diag, LS_ERR_NOMEM, "out of memory for multiplexed pictures");
+    if (is_each_planned(source, channel, seen))
         return LS_OK;
     if (first->parts <= source->facts->n_lights ||
         first->parts > ls_multiplex_order(LS_MAX_LIGHTS) ||

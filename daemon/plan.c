@@ -180,6 +180,25 @@ enum ls_err ls_plan_parse(const char *text, const struct ls_config *config, stru
     return LS_OK;
 }
 
+void ls_plan_fit_current(struct ls_plan *plan, const struct ls_lights_info *lights)
+{
+    uint64_t most = 0, full = LS_PLAN_FULL_LEVEL;
+    for (uint32_t i = 0; i < plan->n_conditions; i++)
+        if (plan->conditions[i].fits_current && plan->conditions[i].lights.n_leds > most)
+            most = plan->conditions[i].lights.n_leds;
+    uint64_t drawn = most * lights->led_current_ma;
+    uint64_t level = drawn > lights->max_current_ma ? full * lights->max_current_ma / drawn : full;
+    for (uint32_t i = 0; i < plan->n_conditions; i++) {
+        struct ls_plan_condition *c = &plan->conditions[i];
+        if (!c->fits_current)
+            continue;
+        c->level = (uint16_t)(level ? level : 1);
+        struct ls_led *leds = plan->leds + (c->lights.leds - plan->leds);
+        for (uint32_t k = 0; k < c->lights.n_leds; k++)
+            leds[k].level = c->level;
+    }
+}
+
 double ls_plan_factor(const struct ls_plan_condition *condition, const struct ls_config *config,
                       const struct ls_calibration *calibration)
 {

@@ -46,6 +46,7 @@ struct ls_plan_condition {
     char pattern[24];           /* of the list below; "" of darks and single lights */
     uint16_t part, parts;       /* 0 and 1 of a pattern that is one picture */
     uint16_t level;             /* of weight 1; level / 65535 is the nominal duty */
+    bool fits_current;          /* the plan left it to the controller: ls_plan_fit_current */
     bool dark;                  /* a dark of exposure `exposure`, mean of `repeats` frames */
     bool watch;                 /* a dark that only watches for drift: nothing is merged with it */
     uint8_t exposure;           /* dark only */
@@ -81,6 +82,13 @@ struct ls_plan {
  */
 LS_MUST_CHECK enum ls_err ls_plan_parse(const char *text, const struct ls_config *config,
                                         struct ls_plan **out, struct ls_diag *diag);
+
+/**
+ * Levels that the plan left to the controller become the highest, up to full, at which no picture
+ * of theirs draws more than its current: all alike, as the pictures of a pattern must be. Before
+ * anything else looks at levels.
+ */
+void ls_plan_fit_current(struct ls_plan *plan, const struct ls_lights_info *lights);
 
 /** The calibrated factor of a condition's pattern at its nominal duty; 1 for darks and single
  * lights, which need none; 0 where none was calibrated. */

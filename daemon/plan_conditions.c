@@ -11,6 +11,7 @@ enum {
     FULL = LS_PLAN_FULL_LEVEL,
     SPHERE_LEVEL = FULL / 90, /* a full sphere is about 90 times one front light */
     BASIS_LEVEL = FULL / 9,   /* finer steps than a sphere's: its weights are what is decoded */
+    LEAST_BASIS_LEVEL = 500,  /* half a step is a thousandth */
     HEADLIGHTS = 3,
     MAX_DEGREE = 9,
 };
@@ -72,6 +73,7 @@ static struct ls_plan_condition *add_lit(struct ls_conf *c, const struct ls_plan
     cond->lights = (struct ls_condition){kind, n, *leds};
     cond->channel = e->channel;
     cond->level = e->level;
+    cond->fits_current = e->fits_current;
     cond->parts = 1;
     return cond;
 }
@@ -254,7 +256,7 @@ static uint32_t read_channels(struct ls_conf *c, const struct ls_config *config,
 }
 
 /* The brightest level that shows a white sample about as bright as one front light does; the bases
- * are brighter. */
+ * are brighter: multiplexing, which pays near full duty only, as bright as the controller can. */
 static int64_t usual_level(const struct options *o, uint32_t n_lights)
 {
     switch (o->kind) {
@@ -264,8 +266,6 @@ static int64_t usual_level(const struct options *o, uint32_t n_lights)
         return o->count ? FULL / ((n_lights + o->count - 1) / o->count) : FULL;
     case KIND_HEADLIGHT:
         return n_lights ? FULL / n_lights : FULL;
-    case KIND_MULTIPLEX:
-        return SPHERE_LEVEL * 2;
     case KIND_HARMONICS:
     case KIND_GRADIENTS:
         return BASIS_LEVEL;
@@ -300,6 +300,8 @@ static void read_condition(struct ls_conf *list, const config_setting_t *group,
     uint32_t n_channels = read_channels(&c, b->config, channels);
     struct ls_plan_entry entry = {.builder = b, .lights = lights};
     entry.n_lights = read_lights(&c, b->config, options.kind, lights);
+    entry.fits_current =
+        options.kind == KIND_MULTIPLEX && !config_setting_get_member(group, "level");
     entry.level =
         (uint16_t)ls_conf_int(&c, "level", usual_level(&options, entry.n_lights), 1, FULL);
     if (options.kind == KIND_EACH && entry.level != FULL)
@@ -307,6 +309,12 @@ static void read_condition(struct ls_conf *list, const config_setting_t *group,
                       "%u: single lights are photographed at %d: R = k E holds for "
                       "what k was measured at",
                       entry.level, FULL);
+    if ((options.kind == KIND_HARMONICS || options.kind == KIND_GRADIENTS) &&
+        entry.level < LEAST_BASIS_LEVEL)
+        ls_conf_error(&c, "level",
+                      "%u: the weights of a basis are rounded to whole levels: expected at least "
+                      "%d, a part in a thousand",
+                      entry.level, LEAST_BASIS_LEVEL);
     for (uint32_t k = 0; k < n_channels && !c.err; k++) {
         entry.channel = channels[k];
         add(&c, &entry, &options);

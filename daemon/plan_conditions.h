@@ -29,6 +29,7 @@ struct ls_plan_entry {
     struct ls_plan_builder *builder;
     uint16_t channel;
     uint16_t level;
+    bool fits_current;
     const uint16_t *lights; /* rig rows */
     uint32_t n_lights;
 };

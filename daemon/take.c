@@ -137,6 +137,8 @@ static enum ls_err prepare(const struct ls_take_context *context, const char *pl
     enum ls_err err = ls_plan_parse(plan_text, context->config, &take->plan, diag);
     if (!err)
         err = ls_rig_open(context->config, &take->rig, diag);
+    if (!err)
+        ls_plan_fit_current(take->plan, ls_lights_info(take->rig.lights));
     if (!err && dir)
         err = continue_from(take, dir, plan_text, diag);
     if (!err)

@@ -245,6 +245,23 @@ static enum ls_err compare_rigs(const json_t *old, const json_t *now, struct ls_
     return LS_OK;
 }
 
+/* A level that the plan leaves to the controller goes with its current limit. */
+static enum ls_err compare_levels(const json_t *doc, const struct ls_plan *plan,
+                                  struct ls_diag *diag)
+{
+    const json_t *list = json_object_get(json_object_get(doc, "plan"), "conditions");
+    for (uint32_t i = 0; i < plan->n_conditions; i++) {
+        const json_t *old = json_object_get(json_array_get(list, i), "level");
+        if (old && json_integer_value(old) != plan->conditions[i].level)
+            return ls_fail(diag, LS_ERR_MISMATCH,
+                           "%s was lit at level %d when this take began and would be at %u now: "
+                           "the controller's current limit has changed; start a new take",
+                           plan->conditions[i].id, (int)json_integer_value(old),
+                           plan->conditions[i].level);
+    }
+    return LS_OK;
+}
+
 enum ls_err ls_take_json_same_rig(const char *take_json, const struct ls_take_document *document,
                                   struct ls_diag *diag)
 {
@@ -257,6 +274,8 @@ enum ls_err ls_take_json_same_rig(const char *take_json, const struct ls_take_do
     json_t *now = text ? json_loads(text, 0, NULL) : NULL;
     enum ls_err err = now ? compare_rigs(json_object_get(doc, "rig"), now, diag)
                           : ls_fail(diag, LS_ERR_NOMEM, "out of memory");
+    if (!err)
+        err = compare_levels(doc, document->plan, diag);
     free(text);
     json_decref(now);
     json_decref(fresh);

@@ -195,6 +195,41 @@ static void test_multiplex(struct fixture *f, gconstpointer unused)
     ls_plan_destroy(plan);
 }
 
+/* As bright as the current of a row of 174 lights allows; a level that the plan names stays. */
+static void test_current(struct fixture *f, gconstpointer unused)
+{
+    static const struct {
+        uint32_t current_ma;
+        uint16_t level;
+    } cases[] = {{300000, 65535}, {121800, 65535}, {121799, 65534}, {60900, 32767}, {0, 1}};
+    for (size_t k = 0; k < G_N_ELEMENTS(cases); k++) {
+        const struct ls_lights_info info = {.max_current_ma = cases[k].current_ma,
+                                            .led_current_ma = 700};
+        struct ls_plan *plan =
+            plan_of(f, "{ kind = \"multiplex\"; channels = [\"W\", \"R\"]; },"
+                       "{ kind = \"multiplex\"; channels = [\"V\"]; level = 9; },"
+                       "{ kind = \"sphere\"; channels = [\"W\"]; }");
+        uint32_t at = 0;
+        uint16_t levels[LIGHTS];
+        ls_plan_fit_current(plan, &info);
+        for (uint32_t row = 0; row < 2 * 347; row++) {
+            const struct ls_plan_condition *c = next_lit(plan, &at);
+            uint64_t drawn = 0;
+            g_assert_cmpuint(c->level, ==, cases[k].level);
+            levels_of(c, levels);
+            for (int i = 0; i < LIGHTS; i++) {
+                g_assert_true(levels[i] == 0 || levels[i] == c->level);
+                drawn += levels[i] * 700ull;
+            }
+            g_assert_true(k == 4 || drawn <= cases[k].current_ma * 65535ull);
+        }
+        for (uint32_t row = 0; row < 347; row++)
+            g_assert_cmpuint(next_lit(plan, &at)->level, ==, 9);
+        g_assert_cmpuint(next_lit(plan, &at)->level, ==, 65535 / 90);
+        ls_plan_destroy(plan);
+    }
+}
+
 static void test_harmonics(struct fixture *f, gconstpointer unused)
 {
     struct ls_plan *plan =
@@ -309,6 +344,8 @@ static void test_refusals(struct fixture *f, gconstpointer unused)
         {"{ kind = \"sphere\"; count = 3; channels = [\"W\"]; }", "unknown key count"},
         {"{ kind = \"harmonics\"; degree = 10; channels = [\"W\"]; }",
          "degree: 10: expected 0 to 9"},
+        {"{ kind = \"harmonics\"; level = 499; channels = [\"W\"]; }", "expected at least 500"},
+        {"{ kind = \"gradients\"; level = 1; channels = [\"W\"]; }", "expected at least 500"},
         {"{ kind = \"harmonics\"; form = \"halves\"; channels = [\"W\"]; }",
          "\"pairs\" or \"biased\""},
         {"{ kind = \"headlight\"; lights = [4, 4]; channels = [\"W\"]; }", "light 4 stands twice"},
@@ -354,6 +391,7 @@ int main(int argc, char **argv)
     ADD("segments-partition-the-lights", test_segments);
     ADD("a-head-light-is-the-three-lights-nearest-the-camera", test_headlight);
     ADD("multiplexing-shows-the-rows-of-the-s-matrix", test_multiplex);
+    ADD("multiplexing-is-as-bright-as-the-current-allows", test_current);
     ADD("harmonics-come-in-pairs-or-biased", test_harmonics);
     ADD("gradients-follow-the-axes", test_gradients);
     ADD("every-kind-fits-the-reference-controller", test_limits);
