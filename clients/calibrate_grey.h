@@ -13,7 +13,7 @@
 
 #include <stdint.h>
 
-enum { LS_GREY_PATTERNS = 256 };
+enum { LS_GREY_PATTERNS = 1024 }; /* pictures of several lights in one channel */
 
 /** The factor of one pattern at one duty in one channel. */
 struct ls_grey_factor {
@@ -39,7 +39,7 @@ struct ls_grey {
     double scale;
     float p[LS_DOCUMENT_CHANNELS][3];
     uint32_t n_factors;
-    struct ls_grey_factor factors[LS_GREY_PATTERNS];
+    struct ls_grey_factor *factors;
 };
 
 /**

@@ -294,6 +294,7 @@ static void put_gains(struct residuals *r, const struct ls_grey *grey,
         const char *name = c->channels[s].name;
         double sigma = middle_sigma(c, s, room);
         put(r, 100 * sigma, "%", "error of k in %s, middle light", name);
+        put(r, 100 * grey->gains[s].sigma_mean, "%", "of that, common to all lights of %s", name);
         put(r, grey->gains[s].chi2, "", "chi2 per degree of freedom in %s", name);
         if (sigma > good_sigma_k)
             remark(remarks, "the gains in %s are known to %.1f %% only: use longer exposures", name,

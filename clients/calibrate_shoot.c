@@ -1,13 +1,12 @@
 #include "clients/calibrate_shoot.h"
 
+#include "clients/calibrate_plan.h"
 #include "clients/take_follow.h"
 
 #include <signal.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
-
-enum { HEADLIGHTS = 3, PLAN_BYTES = 4096 };
 
 static const struct {
     const char *take, *subject;
@@ -63,40 +62,27 @@ static void channel_list(const Lightstage__RigReply *rig, bool spectra, bool pol
     }
 }
 
-static void grey_conditions(const struct ls_calibrate_shoot *shoot, const Lightstage__RigReply *rig,
-                            char *out, size_t size)
+static enum ls_err write_plan(const struct ls_calibrate_shoot *shoot,
+                              enum ls_calibrate_object object, const Lightstage__RigReply *rig,
+                              char **out, struct ls_diag *diag)
 {
-    char all[512], spectra[512], segments[640] = "", headlight[640] = "";
-    channel_list(rig, true, true, false, all, sizeof all);
-    channel_list(rig, true, false, false, spectra, sizeof spectra);
-    if (shoot->segments > 0 && shoot->segments <= rig->n_lights)
-        snprintf(segments, sizeof segments,
-                 ", { kind = \"segments\"; count = %u; channels = [%s]; }", shoot->segments,
-                 spectra);
-    if (rig->n_lights >= HEADLIGHTS)
-        snprintf(headlight, sizeof headlight, ", { kind = \"headlight\"; channels = [%s]; }",
-                 spectra);
-    snprintf(out, size,
-             "{ kind = \"sphere\"; channels = [%s]; }, { kind = \"each\"; channels = [%s]; }%s%s",
-             all, all, segments, headlight);
-}
-
-static void write_plan(const struct ls_calibrate_shoot *shoot, enum ls_calibrate_object object,
-                       const Lightstage__RigReply *rig, char *out, size_t size)
-{
-    char conditions[3072], channels[512];
+    char channels[512];
+    if (object == LS_OBJECT_GREY) {
+        const struct ls_calibrate_plan plan = {shoot->exposures_us[object], shoot->darks,
+                                               shoot->segments, shoot->shown, shoot->shown_name};
+        return ls_calibrate_plan_text(&plan, rig, out, diag);
+    }
     channel_list(rig, object == LS_OBJECT_CHROME, object == LS_OBJECT_GLOSS,
                  object == LS_OBJECT_CHROME, channels, sizeof channels);
-    snprintf(conditions, sizeof conditions, "{ kind = \"each\"; channels = [%s]; }", channels);
-    if (object == LS_OBJECT_GREY)
-        grey_conditions(shoot, rig, conditions, sizeof conditions);
-    snprintf(out, size,
-             "subject = \"still\"; exposures_us = [%s]; darks = %u;\nconditions = ( %s );\n",
-             shoot->exposures_us[object], shoot->darks, conditions);
+    int n = asprintf(out,
+                     "subject = \"still\"; exposures_us = [%s]; darks = %u;\n"
+                     "conditions = ( { kind = \"each\"; channels = [%s]; } );\n",
+                     shoot->exposures_us[object], shoot->darks, channels);
+    return n < 0 ? ls_fail(diag, LS_ERR_NOMEM, "out of memory for a plan") : LS_OK;
 }
 
 static int make_plan(struct ls_command_context *context, const struct ls_calibrate_shoot *shoot,
-                     enum ls_calibrate_object object, char *plan)
+                     enum ls_calibrate_object object, char **plan)
 {
     Lightstage__Rig body = LIGHTSTAGE__RIG__INIT;
     struct ls_reply reply;
@@ -107,7 +93,8 @@ static int make_plan(struct ls_command_context *context, const struct ls_calibra
     if (shoot->segments_asked && shoot->segments > rig->n_lights)
         code = ls_command_wrong("--segments %u: the rig has %u lights", shoot->segments,
                                 rig->n_lights);
-    write_plan(shoot, object, rig, plan, PLAN_BYTES);
+    if (!code && write_plan(shoot, object, rig, plan, &context->diag))
+        code = ls_command_failed(context, LS_ERR_INVALID);
     ls_reply_finish(&reply);
     return code;
 }
@@ -149,9 +136,9 @@ static int photograph(struct ls_command_context *context, enum ls_calibrate_obje
 int ls_calibrate_shoot(struct ls_command_context *context, const struct ls_calibrate_shoot *shoot,
                        enum ls_calibrate_object object, char id[128])
 {
-    char plan[PLAN_BYTES];
+    LS_CLEANUP_FREE char *plan = NULL;
     ls_take_follow_signals();
-    int code = make_plan(context, shoot, object, plan);
+    int code = make_plan(context, shoot, object, &plan);
     if (!code && !shoot->yes)
         code = ask(object);
     if (!code)

@@ -16,6 +16,7 @@ struct ls_calibrate_shoot {
     const char *exposures_us[LS_N_OBJECTS]; /* "100, 800, 6400" */
     uint32_t darks, segments;               /* segments 0 = none */
     bool segments_asked;                    /* else a rig of fewer lights goes without */
+    const char *shown, *shown_name;         /* calibrate_plan.h; NULL = none */
     bool yes;                               /* do not ask */
 };
 

@@ -7,7 +7,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-enum { MAX_PICTURES = 65536, FULL_LEVEL = 65535 };
+enum { MAX_PICTURES = 65536, FULL_LEVEL = 65535, MAX_WEIGHTS_BYTES = 1 << 28 };
 
 void ls_calibrate_take_close(struct ls_calibrate_take *take)
 {
@@ -36,14 +36,29 @@ int ls_calibrate_channel(const struct ls_calibrate_take *take, const char *name)
 
 /* ---- plan ---- */
 
+/* As a take names it that says what several lights are and not what they are called. */
+static void name_pattern(const json_t *item, char *out, size_t size)
+{
+    const json_t *lights = json_object_get(item, "lights");
+    const char *pattern = json_string_value(json_object_get(item, "pattern"));
+    if (pattern || !lights)
+        snprintf(out, size, "%s", pattern ? pattern : "sphere");
+    else
+        snprintf(out, size, "lights-%zu", json_array_size(lights));
+}
+
 /* Weights of a pattern: every light, or those listed, each at its level over the nominal one. */
-static enum ls_err read_weights(const struct ls_calibrate_take *take, const json_t *item,
-                                double level, struct ls_calibrate_picture *out,
-                                struct ls_diag *diag)
+static enum ls_err read_weights(struct ls_calibrate_take *take, const json_t *item, double level,
+                                struct ls_calibrate_picture *out, struct ls_diag *diag)
 {
     const json_t *lights = json_object_get(item, "lights"),
                  *levels = json_object_get(item, "levels");
     uint32_t n_lights = take->document->n_lights;
+    if (json_array_size(lights) > n_lights)
+        return wrong(diag, "plan.conditions.lights");
+    take->weights_bytes += n_lights * sizeof *out->weights;
+    if (take->weights_bytes > MAX_WEIGHTS_BYTES)
+        return ls_fail(diag, LS_ERR_LIMIT, "take.json: too many pictures of several lights");
     out->weights = calloc(n_lights, sizeof *out->weights);
     if (!out->weights)
         return ls_fail(diag, LS_ERR_NOMEM, "out of memory");
@@ -73,12 +88,13 @@ static enum ls_err read_picture(struct ls_calibrate_take *take, const json_t *it
     struct ls_calibrate_picture *out = &take->pictures[take->n_pictures];
     if (!id || strlen(id) >= sizeof out->id || index < 0 || !(level >= 1) || level > FULL_LEVEL)
         return wrong(diag, "plan.conditions");
-    if ((!light && !pattern) || (pattern && strlen(pattern) >= sizeof out->pattern))
+    if (pattern && strlen(pattern) >= sizeof out->pattern)
         return wrong(diag, "plan.conditions.pattern");
     *out = (struct ls_calibrate_picture){.channel = (uint32_t)index, .duty = level / FULL_LEVEL};
     take->n_pictures++;
     snprintf(out->id, sizeof out->id, "%s", id);
-    snprintf(out->pattern, sizeof out->pattern, "%s", light ? "" : pattern);
+    if (!light)
+        name_pattern(item, out->pattern, sizeof out->pattern);
     out->light = light ? (int32_t)json_integer_value(light) : -1;
     if (light && (out->light < 0 || (uint32_t)out->light >= take->document->n_lights))
         return wrong(diag, "plan.conditions.light");

@@ -1,6 +1,6 @@
 /*
- * calibrate_take: a calibration take as the client sees it: what its pictures show, and the
- * pictures. Layer: clients. Threads: the main thread. Ownership: as stated.
+ * calibrate_take: a take as a client sees it that reads pictures by their names in the plan: what
+ * they show, and the pictures. Layer: clients. Threads: the main thread. Ownership: as stated.
  */
 #ifndef LS_CLIENTS_CALIBRATE_TAKE_H
 #define LS_CLIENTS_CALIBRATE_TAKE_H
@@ -36,6 +36,7 @@ struct ls_calibrate_take {
     struct ls_field_noise noise; /* of a dim pixel in full scale / s */
     uint32_t n_pictures;
     struct ls_calibrate_picture *pictures;
+    size_t weights_bytes; /* of all pictures */
 };
 
 /** Ask the daemon for a take. Errors: those of the daemon (LS_ERR_REFUSED), LS_ERR_INVALID naming

@@ -10,10 +10,10 @@
 #include <stdlib.h>
 #include <string.h>
 
-static const size_t base_bytes = (size_t)256 << 20;
+static const size_t base_bytes = (size_t)256 << 20, plan_bytes = (size_t)1 << 20;
 
 struct options {
-    const char *output, *base;
+    const char *output, *base, *plan;
     const char *takes[LS_N_OBJECTS]; /* existing ones; NULL = to be made */
     bool skip[LS_N_OBJECTS];
     double radius_m, reflectance;
@@ -27,6 +27,7 @@ struct calibration {
     struct options *options;
     char ids[LS_N_OBJECTS][128];
     struct ls_calibrate_take *takes[LS_N_OBJECTS];
+    char *plan; /* text */
     struct ls_grey *grey;
     struct ls_chrome chrome;
     struct ls_gloss gloss;
@@ -39,6 +40,7 @@ struct calibration {
 enum {
     OUTPUT = 1,
     BASE,
+    PLAN,
     GREY,
     CHROME,
     GLOSS,
@@ -103,6 +105,9 @@ static int parse_option(struct options *o, int option)
     case BASE:
         o->base = optarg;
         return LS_EXIT_OK;
+    case PLAN:
+        o->plan = optarg;
+        return LS_EXIT_OK;
     case GREY:
     case CHROME:
     case GLOSS:
@@ -137,6 +142,7 @@ static int parse(struct ls_command_context *context, int argc, char **argv, stru
     static const struct option options[] = {
         {"output", required_argument, NULL, OUTPUT},
         {"base", required_argument, NULL, BASE},
+        {"plan", required_argument, NULL, PLAN},
         {"grey", required_argument, NULL, GREY},
         {"chrome", required_argument, NULL, CHROME},
         {"gloss", required_argument, NULL, GLOSS},
@@ -167,6 +173,10 @@ static int parse(struct ls_command_context *context, int argc, char **argv, stru
         if (o->skip[i] && o->takes[i])
             return ls_command_wrong("calibrate: --no-chrome and --no-gloss leave out what --chrome "
                                     "and --gloss name: give one of them");
+    if (o->plan && o->takes[LS_OBJECT_GREY])
+        return ls_command_wrong(
+            "calibrate: --plan says what to photograph, and --grey names a take "
+            "that was: give one of them");
     if (!o->takes[LS_OBJECT_GREY] && (o->takes[LS_OBJECT_CHROME] || o->takes[LS_OBJECT_GLOSS]))
         return ls_command_wrong(
             "calibrate: --chrome and --gloss name takes that go with --grey TAKE");
@@ -268,6 +278,17 @@ static int run_objects(struct calibration *c)
     return code;
 }
 
+static int read_plan(struct calibration *c)
+{
+    struct options *o = c->options;
+    size_t n = 0;
+    if (o->plan && ls_command_read_file(o->plan, plan_bytes, &c->plan, &n, &c->context->diag))
+        return ls_command_failed(c->context, LS_ERR_INVALID);
+    o->shoot.shown = c->plan;
+    o->shoot.shown_name = o->plan;
+    return LS_EXIT_OK;
+}
+
 /* ---- the end ---- */
 
 static int read_base(struct calibration *c)
@@ -318,6 +339,7 @@ static void finish(struct calibration *c)
         ls_calibrate_take_close(c->takes[i]);
     ls_grey_destroy(c->grey);
     ls_gloss_finish(&c->gloss);
+    free(c->plan);
     ls_calibration_destroy(c->base);
     ls_calibration_destroy(c->result);
 }
@@ -332,6 +354,8 @@ static int run(struct ls_command_context *context, int argc, char **argv)
     int code = parse(context, argc, argv, &options);
     if (!code)
         code = read_base(&c);
+    if (!code)
+        code = read_plan(&c);
     if (!code && ls_command_check_writable(options.output, &context->diag))
         code = ls_command_failed(context, LS_ERR_INVALID);
     if (!code)
@@ -347,13 +371,14 @@ static int run(struct ls_command_context *context, int argc, char **argv)
 
 const struct ls_command ls_command_calibrate = {
     "calibrate", "Measure the lights on a grey sphere, a chrome ball and a black glossy sphere",
-    "--output FILE [--base FILE] [--radius M] [--reflectance R] [--camera N]\n"
+    "--output FILE [--base FILE] [--plan FILE] [--radius M] [--reflectance R] [--camera N]\n"
     "         [--exposures US,US,...] [--grey-exposures ...] [--chrome-exposures ...]\n"
     "         [--gloss-exposures ...] [--darks N] [--segments G] [--no-chrome] [--no-gloss]\n"
     "         [--yes] [--json]\n"
     "   or: --output FILE --grey TAKE [--chrome TAKE] [--gloss TAKE] [--base FILE] ...\n"
     "\n"
     "Asks for each object in turn, photographs and measures it; --yes goes on without asking.\n"
-    "With --grey it measures takes that exist. Camera constants, spectra, chart and camera matrix\n"
-    "cannot be measured so: they come from --base, else from the calibration in the grey take.",
+    "With --plan the factors of that plan's patterns are measured too, at its levels. With --grey\n"
+    "it measures takes that exist. Camera constants, spectra, chart and camera matrix cannot be\n"
+    "measured so: they come from --base, else from the calibration in the grey take.",
     run};

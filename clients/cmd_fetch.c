@@ -1,4 +1,5 @@
 #include "clients/command.h"
+#include "clients/fetch_coefficients.h"
 #include "clients/picture_attrs.h"
 #include "clients/picture_file.h"
 #include "clients/promotion_option.h"
@@ -14,8 +15,9 @@
 
 struct options {
     const char *channel, *lights, *output;
+    const char *coefficients; /* "harmonics", "gradients", or NULL: lights */
     Lightstage__Promotion promotion;
-    bool rgb, estimate, half, full_sphere;
+    bool rgb, estimate, half, full_sphere, promoted;
     uint32_t camera;
     Lightstage__Region region;
 };
@@ -68,7 +70,13 @@ static int parse_option(struct options *out, int option)
                    ? LS_EXIT_OK
                    : ls_command_wrong("--camera %s: expected the number of a camera, from 0",
                                       optarg);
+    case 11:
+        out->coefficients = optarg;
+        return strcmp(optarg, "harmonics") == 0 || strcmp(optarg, "gradients") == 0
+                   ? LS_EXIT_OK
+                   : ls_command_wrong("--coefficients %s: expected harmonics or gradients", optarg);
     default:
+        out->promoted = true;
         return ls_promotion_option(option, optarg, &out->promotion);
     }
 }
@@ -102,6 +110,7 @@ static int parse(struct ls_command_context *context, int argc, char **argv, stru
                                             {"full-sphere", no_argument, NULL, 8},
                                             {"region", required_argument, NULL, 9},
                                             {"camera", required_argument, NULL, 10},
+                                            {"coefficients", required_argument, NULL, 11},
                                             LS_PROMOTION_OPTIONS,
                                             LS_COMMON_OPTIONS};
     lightstage__promotion__init(&out->promotion);
@@ -118,6 +127,9 @@ static int parse(struct ls_command_context *context, int argc, char **argv, stru
         return ls_command_wrong("fetch: --channel NAME and --output PREFIX are needed");
     if (out->full_sphere && out->lights)
         return ls_command_wrong("fetch: --full-sphere is all lights at once: leave out --lights");
+    if (out->coefficients && (out->full_sphere || out->lights || out->estimate || out->promoted))
+        return ls_command_wrong("fetch: --coefficients are sums over all lights, as photographed: "
+                                "leave out --lights, --full-sphere, --estimate and --model");
     return check_promotion(out);
 }
 
@@ -331,6 +343,22 @@ static int fetch_pictures(struct fetch *fetch)
     return err ? ls_command_failed(fetch->context, err) : LS_EXIT_OK;
 }
 
+static int fetch_coefficients(struct ls_command_context *context, const char *take,
+                              const struct options *o)
+{
+    const struct ls_fetch_coefficients wanted = {
+        .take = take,
+        .channel = o->channel,
+        .output = o->output,
+        .gradients = strcmp(o->coefficients, "gradients") == 0,
+        .rgb = o->rgb,
+        .half = o->half,
+        .camera = o->camera,
+        .region = o->region,
+    };
+    return ls_fetch_coefficients(context, &wanted);
+}
+
 static int run(struct ls_command_context *context, int argc, char **argv)
 {
     struct options options = {0};
@@ -338,6 +366,8 @@ static int run(struct ls_command_context *context, int argc, char **argv)
     int code = parse(context, argc, argv, &options);
     if (code)
         return code;
+    if (options.coefficients)
+        return fetch_coefficients(context, argv[optind], &options);
     code = ls_take_document_get(context, argv[optind], options.camera, &document);
     if (code)
         return code;
@@ -351,5 +381,6 @@ const struct ls_command ls_command_fetch = {
     "fetch", "Pictures of the field as OpenEXR, with a JSON and a CSV list beside them",
     "TAKE --channel NAME --output PREFIX [--lights 0,5,7-9] [--full-sphere]\n" LS_PROMOTION_USAGE
     "         [--layout mosaic|rgb] [--estimate] [--half]\n"
-    "         [--region X,Y,WIDTH,HEIGHT] [--camera N] [--json]",
+    "         [--region X,Y,WIDTH,HEIGHT] [--camera N] [--json]\n"
+    "   or: TAKE --channel NAME --output PREFIX --coefficients harmonics|gradients ...",
     run};
