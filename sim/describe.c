@@ -7,6 +7,8 @@
 #include <stdlib.h>
 #include <string.h>
 
+enum { SEGMENTS = 14, HEADLIGHTS = 3 }; /* what a calibration usually photographs */
+
 static const char *const patch_names[SIM_CHART_PATCHES] = {
     "dark skin", "light skin",    "blue sky",     "foliage",   "blue flower",  "bluish green",
     "orange",    "purplish blue", "moderate red", "purple",    "yellow green", "orange yellow",
@@ -138,23 +140,39 @@ static enum ls_err fill_channels(const struct sim_scene *scene, uint32_t camera,
     return LS_OK;
 }
 
+static void add_pattern(const struct sim_scene *scene, const char *name, double n_lit, double duty,
+                        struct ls_calibration *c)
+{
+    double driven = sim_scene_quantise(scene, duty);
+    for (uint32_t s = 0; s < c->n_channels && driven > 0; s++) {
+        struct ls_calibration_pattern *out = &c->patterns[c->n_patterns++];
+        *out = (struct ls_calibration_pattern){.channel = s, .duty = duty};
+        out->factor = duty * sim_scene_droop(scene, s, n_lit) / driven;
+        snprintf(out->pattern, sizeof out->pattern, "%s", name);
+    }
+}
+
+/* The level of a controller of 16 bits that is nearest below an even share of full, as a duty. */
+static double share(uint32_t lights)
+{
+    return floor(65535.0 / lights) / 65535;
+}
+
 static enum ls_err fill_patterns(const struct sim_scene *scene, const double *duties, uint32_t n,
                                  struct ls_calibration *c)
 {
-    c->patterns = calloc((size_t)n * c->n_channels + 1, sizeof *c->patterns);
+    uint32_t lights = scene->geometry.n_lights, each = (lights + SEGMENTS - 1) / SEGMENTS;
+    char segments[16];
+    snprintf(segments, sizeof segments, "segments-%d", SEGMENTS);
+    c->patterns = calloc(((size_t)n + 2) * c->n_channels, sizeof *c->patterns);
     if (!c->patterns)
         return LS_ERR_NOMEM;
-    for (uint32_t s = 0; s < c->n_channels; s++)
-        for (uint32_t d = 0; d < n; d++) {
-            double driven = sim_scene_quantise(scene, duties[d]);
-            if (driven == 0)
-                continue;
-            c->patterns[c->n_patterns++] = (struct ls_calibration_pattern){
-                .channel = s,
-                .pattern = "sphere",
-                .duty = duties[d],
-                .factor = duties[d] * sim_scene_droop(scene, s, scene->geometry.n_lights) / driven};
-        }
+    for (uint32_t d = 0; d < n; d++)
+        add_pattern(scene, "sphere", lights, duties[d], c);
+    if (lights >= SEGMENTS)
+        add_pattern(scene, segments, (double)lights / SEGMENTS, share(each), c);
+    if (lights >= HEADLIGHTS)
+        add_pattern(scene, "headlight", HEADLIGHTS, share(HEADLIGHTS), c);
     return LS_OK;
 }
 

@@ -222,12 +222,12 @@ double sim_scene_gain(const struct sim_scene *scene, uint32_t light, uint32_t ch
     return scene->gain[(size_t)channel * scene->geometry.n_lights + light];
 }
 
-double sim_scene_droop(const struct sim_scene *scene, uint32_t channel, uint32_t n_lit)
+double sim_scene_droop(const struct sim_scene *scene, uint32_t channel, double n_lit)
 {
     uint32_t n = scene->geometry.n_lights;
     if (n < 2 || n_lit <= 1 || scene->kind == SIM_WORLD_REPLAY)
         return 1;
-    return 1 + (scene->config.channels[channel].droop - 1) * (n_lit - 1.0) / (n - 1);
+    return 1 + (scene->config.channels[channel].droop - 1) * (n_lit - 1) / (n - 1);
 }
 
 double sim_scene_quantise(const struct sim_scene *scene, double duty)

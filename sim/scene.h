@@ -126,7 +126,7 @@ double sim_scene_gain(const struct sim_scene *scene, uint32_t light, uint32_t ch
 /** Divisor on the output of @channel when @n_lit LEDs are lit together: 1 + (droop - 1) (n_lit - 1)
  * / (n_lights - 1), never below 1. Duty plays no part: PWM switches all LEDs in phase, so the
  * supply sags as for full duty while they are on. */
-double sim_scene_droop(const struct sim_scene *scene, uint32_t channel, uint32_t n_lit);
+double sim_scene_droop(const struct sim_scene *scene, uint32_t channel, double n_lit);
 
 /** A duty as this hardware can drive it: the nearest multiple of 1 / pwm_levels, [0, 1]. */
 double sim_scene_quantise(const struct sim_scene *scene, double duty);

@@ -59,9 +59,8 @@ LS_MUST_CHECK enum ls_err sim_truth_relight(const struct sim_scene *scene,
  */
 LS_MUST_CHECK enum ls_err sim_truth_environment(const struct sim_scene *scene,
                                                 const struct sim_region *region,
-                                                const struct ls_lobes *lobes,
-                                                uint32_t n_directions, float *out, float *specular,
-                                                struct ls_diag *diag);
+                                                const struct ls_lobes *lobes, uint32_t n_directions,
+                                                float *out, float *specular, struct ls_diag *diag);
 
 /**
  * The pixels' shares, per method: bounced light over total light under the sum of all white
@@ -91,8 +90,9 @@ enum {
 LS_MUST_CHECK enum ls_err sim_truth_samples(const struct sim_scene *scene, uint32_t camera,
                                             struct sim_sample *out, struct ls_diag *diag);
 
-/** The calibration of a rig that knows itself: gains, droop at the duties given, p, L, M and the
- * constants of @camera read out as @bits. @out: ls_calibration_destroy. */
+/** The calibration of a rig that knows itself: gains, p, L, M, the constants of @camera read out as
+ * @pixel_format, and the droop of full spheres at the duties given, of fourteen segments and of a
+ * head light of three lights, each light at an even share of full. @out: ls_calibration_destroy. */
 LS_MUST_CHECK enum ls_err sim_truth_calibration(const struct sim_scene *scene, uint32_t camera,
                                                 const char *pixel_format, const double *duties,
                                                 uint32_t n_duties, struct ls_calibration **out,

@@ -52,8 +52,9 @@ def test_the_demo_says_ok_and_leaves_nothing_behind(folder):
 
 
 CALIBRATION_KEYS = ["calibrate_seconds", "k_lights", "k_error_percent", "k_worst_percent",
-                    "k_within_sigma_percent", "direction_error_deg",
-                    "chrome_direction_error_deg", "droop_error_percent", "p_error_percent",
+                    "k_within_sigma_percent", "k_within_sigma_by_channel", "k_common_error_sigma",
+                    "direction_error_deg", "chrome_direction_error_deg", "droop_error_percent",
+                    "droop_error_by_pattern", "p_error_percent",
                     "scale_error_percent", "mirror_reflectivity", "polarisation_error",
                     "polarisation_lights"]
 
