@@ -260,6 +260,7 @@ static void read_controller(struct ls_conf *daemon, struct ls_lights_config *out
     out->driver = ls_conf_string(&c, "driver", "modbus");
     out->address = ls_conf_need_string(&c, "address");
     out->port = (unsigned)ls_conf_int(&c, "port", 502, 1, 65535);
+    out->baud = (unsigned)ls_conf_int(&c, "baud", 115200, 1200, 4000000);
     out->unit = (unsigned)ls_conf_int(&c, "unit", 1, 0, 255);
     out->timeout_ms = (unsigned)ls_conf_int(&c, "timeout_ms", 500, 10, 60000);
     daemon->err = ls_conf_finish(&c);

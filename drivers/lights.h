@@ -135,34 +135,22 @@ struct ls_lights_status {
     uint32_t events_lost;     /* overwritten before they were read: a protocol failure */
     int32_t temperature_c;
     uint64_t now_us;         /* controller clock ... */
-    uint64_t host_before_ns; /* ... read between these two host CLOCK_MONOTONIC_RAW times */
+    uint64_t host_before_ns; /* ... read between these two host CLOCK_MONOTONIC_RAW times, as
+                                close as the wire can tell */
     uint64_t host_after_ns;
 };
 
 struct ls_lights_config {
-    const char *driver;  /* "modbus" */
-    const char *address; /* host, or device path */
-    unsigned port;       /* TCP port */
-    unsigned unit;       /* Modbus unit identifier */
+    const char *driver; /* "modbus" (TCP), "modbus-rtu", "usb" */
+    const char
+        *address;  /* host; path of the serial line; serial number on USB, "any": the only one */
+    unsigned port; /* modbus: TCP port */
+    unsigned baud; /* modbus-rtu: bits per second; 8 data bits, no parity, 1 stop bit */
+    unsigned unit; /* modbus, modbus-rtu: unit identifier */
     unsigned timeout_ms; /* response timeout of the link, default 500 */
 };
 
 struct ls_lights;
-
-/** A driver. Every member is required; each is called by the wrapper only, already validated. */
-struct ls_lights_ops {
-    const char *name;
-    enum ls_err (*open)(const struct ls_lights_config *config, void **priv,
-                        struct ls_lights_info *info, struct ls_diag *diag);
-    enum ls_err (*load)(void *priv, const struct ls_program *program, const _Atomic bool *stop,
-                        struct ls_diag *diag);
-    enum ls_err (*arm)(void *priv, struct ls_diag *diag);
-    enum ls_err (*grant)(void *priv, uint32_t n_steps, struct ls_diag *diag);
-    enum ls_err (*poll)(void *priv, struct ls_lights_status *status, struct ls_step_event *events,
-                        size_t max_events, size_t *n_events, struct ls_diag *diag);
-    enum ls_err (*blank)(void *priv, struct ls_diag *diag);
-    void (*close)(void *priv);
-};
 
 /**
  * Connect and identify. Errors: LS_ERR_NOT_FOUND (no such driver), LS_ERR_GONE (nobody there),

@@ -59,8 +59,8 @@ static enum ls_err test_led(const struct ls_lights_info *info, const struct ls_c
     const struct ls_led *led = &c->leds[k];
     uint32_t light = c->kind == LS_CONDITION_SPHERE ? 0 : led->light;
     if (light >= info->n_lights)
-        return ls_fail(diag, LS_ERR_INVALID, "condition %u: light address %u: expected 0..%u", i, light,
-                       info->n_lights - 1);
+        return ls_fail(diag, LS_ERR_INVALID, "condition %u: light address %u: expected 0..%u", i,
+                       light, info->n_lights - 1);
     if (led->channel >= info->n_channels)
         return ls_fail(diag, LS_ERR_INVALID, "condition %u: channel %u: expected 0..%u", i,
                        led->channel, info->n_channels - 1);
@@ -72,8 +72,9 @@ static enum ls_err test_led(const struct ls_lights_info *info, const struct ls_c
                        i, c->leds->channel, c->leds->level, led->channel, led->level);
     uint32_t *stamp = &seen[light * info->n_channels + led->channel];
     if (*stamp == i + 1)
-        return ls_fail(diag, LS_ERR_INVALID, "condition %u: light address %u channel %u is named twice", i,
-                       light, led->channel);
+        return ls_fail(diag, LS_ERR_INVALID,
+                       "condition %u: light address %u channel %u is named twice", i, light,
+                       led->channel);
     *stamp = i + 1;
     return LS_OK;
 }
@@ -149,11 +150,12 @@ static enum ls_err test_step(const struct ls_lights_info *info, const struct ls_
 static enum ls_err over_duty(const struct window *window, uint64_t on, uint32_t step,
                              uint32_t light, uint32_t channel, struct ls_diag *diag)
 {
-    return ls_fail(diag, LS_ERR_LIMIT,
-                   "step %u: light address %u channel %u would be on for %.3f ms of a second, %.3f ms over "
-                   "the controller's %.3f ms: lengthen the period or shorten the pulses",
-                   step, light, channel, (double)on / FULL / 1e3,
-                   (double)(on - window->limit) / FULL / 1e3, (double)window->limit / FULL / 1e3);
+    return ls_fail(
+        diag, LS_ERR_LIMIT,
+        "step %u: light address %u channel %u would be on for %.3f ms of a second, %.3f ms over "
+        "the controller's %.3f ms: lengthen the period or shorten the pulses",
+        step, light, channel, (double)on / FULL / 1e3, (double)(on - window->limit) / FULL / 1e3,
+        (double)window->limit / FULL / 1e3);
 }
 
 static void window_add(struct window *window, const struct ls_lights_info *info,

@@ -205,6 +205,31 @@ enum {
 enum ls_wire_step_flag { LS_WIRE_STEP_HOLD = 1 << 0 };
 enum ls_wire_event_flag { LS_WIRE_EVENT_LATE = 1 << 0, LS_WIRE_EVENT_CLIPPED = 1 << 1 };
 
+/** USB: what it is found by, and how registers travel; drivers/usb/README.md. */
+enum {
+    LS_WIRE_USB_VENDOR = 0x1209, /* pid.codes, and a product number it sets aside for prototypes */
+    LS_WIRE_USB_PRODUCT = 0x0001,
+    LS_WIRE_USB_INTERFACE = 0,
+    LS_WIRE_USB_READ = 1,      /* vendor request, device to host: wIndex register, wLength bytes */
+    LS_WIRE_USB_WRITE = 2,     /* the same, host to device */
+    LS_WIRE_USB_EVENTS = 0x81, /* interrupt endpoint */
+    LS_WIRE_USB_PACKET_BYTES = 512, /* largest packet of it */
+};
+
+/** Event packet: header, records, CRC-32C (2) of all registers before it. */
+enum {
+    LS_WIRE_PK_MAGIC = 0,    /* 1 */
+    LS_WIRE_PK_SEQUENCE = 1, /* 1: counts packets since power-up, wraps */
+    LS_WIRE_PK_BOOT = 2,     /* 2 */
+    LS_WIRE_PK_ARM = 4,      /* 1 */
+    LS_WIRE_PK_COUNT = 5,    /* 1: records, [1, LS_WIRE_PK_RECORDS] */
+    LS_WIRE_PK_FIRST = 6,    /* 2: sequence number of the first record */
+    LS_WIRE_PK_HEADER = 8,
+    LS_WIRE_PK_RECORDS = 24,
+    LS_WIRE_PACKET_MAGIC = 0x4c45, /* "LE" */
+    LS_WIRE_PACKET_MAX = LS_WIRE_PK_HEADER + LS_WIRE_PK_RECORDS * LS_WIRE_EVENT_SIZE + 2,
+};
+
 static inline void ls_wire_put32(uint16_t *reg, uint32_t value)
 {
     reg[0] = (uint16_t)(value >> 16);
@@ -225,6 +250,21 @@ static inline void ls_wire_put64(uint16_t *reg, uint64_t value)
 static inline uint64_t ls_wire_get64(const uint16_t *reg)
 {
     return (uint64_t)ls_wire_get32(reg) << 32 | ls_wire_get32(reg + 2);
+}
+
+/** Registers as bytes, high byte first, and back. */
+static inline void ls_wire_put_registers(const uint16_t *regs, size_t n, uint8_t *bytes)
+{
+    for (size_t i = 0; i < n; i++) {
+        bytes[2 * i] = (uint8_t)(regs[i] >> 8);
+        bytes[2 * i + 1] = (uint8_t)regs[i];
+    }
+}
+
+static inline void ls_wire_get_registers(const uint8_t *bytes, size_t n, uint16_t *regs)
+{
+    for (size_t i = 0; i < n; i++)
+        regs[i] = (uint16_t)(bytes[2 * i] << 8 | bytes[2 * i + 1]);
 }
 
 /** CRC-32C (Castagnoli, reflected 0x82f63b78, initial and final ~0) of @n registers taken as

@@ -85,7 +85,10 @@ static const struct sim_key camera_keys[] = {
 #define CONTROLLER(field, min, max) SIM_RANGE(struct sim_controller_config, field, min, max)
 
 static const struct sim_key controller_keys[] = {
+    {"wire", SIM_KEY_CHOICE, SIM_FIELD(struct sim_controller_config, wire),
+     "modbus modbus-rtu usb"},
     {"address", SIM_KEY_STRING, SIM_FIELD(struct sim_controller_config, address)},
+    {"baud", SIM_KEY_U32, CONTROLLER(baud, 1200, 4e6)},
     {"port", SIM_KEY_U32, CONTROLLER(port, 0, 65535)},
     {"unit", SIM_KEY_U32, CONTROLLER(unit, 0, 247)},
     {"serial", SIM_KEY_STRING, SIM_FIELD(struct sim_controller_config, serial)},
@@ -125,6 +128,11 @@ enum fault_kind {
     FAULT_ESTOP,
     FAULT_DEAD,
     FAULT_CORRUPT,
+    FAULT_REBOOT_CONTROLLER,
+    FAULT_LATE,
+    FAULT_LOSE_PACKET,
+    FAULT_DAMAGE_PACKET,
+    FAULT_HALT,
     /* of a camera */
     FAULT_DROP_PULSE,
     FAULT_LOSE_FRAME,
@@ -137,8 +145,8 @@ enum fault_kind {
 
 static const struct sim_key fault_keys[] = {
     {"kind", SIM_KEY_CHOICE, SIM_FIELD(struct fault, kind),
-     "stall refuse disconnect interlock estop dead corrupt drop_pulse lose_frame duplicate_frame "
-     "late_frame packet_loss silent reboot"},
+     "stall refuse disconnect interlock estop dead corrupt restart late lose_packet damage_packet halt "
+     "drop_pulse lose_frame duplicate_frame late_frame packet_loss silent reboot"},
     {"camera", SIM_KEY_U32, SIM_RANGE(struct fault, camera, 0, SIM_MAX_CAMERAS - 1)},
     {"at", SIM_KEY_U32, SIM_RANGE(struct fault, at, 0, U32_MAX)},
     {"count", SIM_KEY_U32, SIM_RANGE(struct fault, count, 1, U32_MAX)},

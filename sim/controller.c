@@ -1,23 +1,24 @@
 #include "sim/controller_private.h"
 
-#include <arpa/inet.h>
-#include <errno.h>
 #include <stdlib.h>
 #include <string.h>
 #include <sys/eventfd.h>
 #include <sys/random.h>
-#include <sys/socket.h>
 #include <time.h>
 #include <unistd.h>
 
-/** Half a request keeps every other client waiting for so long, then its client is dropped. */
-enum { BYTE_TIMEOUT_US = 20000 };
+static const struct sim_wire *const wires[] = {
+    [SIM_WIRE_MODBUS] = &sim_wire_tcp,
+    [SIM_WIRE_MODBUS_RTU] = &sim_wire_serial,
+    [SIM_WIRE_USB] = &sim_wire_usb,
+};
 
 void sim_controller_defaults(struct sim_controller_config *config)
 {
     *config = (struct sim_controller_config){
         .address = "127.0.0.1",
         .unit = 1,
+        .baud = 115200,
         .serial = "LS-DOME-SIM-0001",
         .firmware = 100,
         .n_lights = 346,
@@ -47,28 +48,9 @@ static enum ls_err check(const struct sim_controller_config *config, struct ls_d
         config->n_channels > 64 || !config->pwm_period_us || config->pwm_levels < 2 ||
         !config->min_period_us || !config->event_queue || !config->heartbeat_ms ||
         !config->max_duty_permille || config->clock.hz <= 0 || config->port > 65535 ||
-        config->max_program_bytes > 1u << 28 || config->n_faults > SIM_CONTROLLER_MAX_FAULTS)
+        config->baud < 1 || config->wire > SIM_WIRE_USB || config->max_program_bytes > 1u << 28 ||
+        config->n_faults > SIM_CONTROLLER_MAX_FAULTS)
         return ls_fail(diag, LS_ERR_INVALID, "controller: a configured limit is out of range");
-    return LS_OK;
-}
-
-static enum ls_err listen_on(struct sim_controller *c, struct ls_diag *diag)
-{
-    struct sockaddr_in sa = {.sin_family = AF_INET, .sin_port = htons((uint16_t)c->config.port)};
-    socklen_t len = sizeof sa;
-    if (inet_pton(AF_INET, c->config.address, &sa.sin_addr) != 1)
-        return ls_fail(diag, LS_ERR_INVALID, "controller address \"%s\": expected an IPv4 address",
-                       c->config.address);
-    c->listen_fd = socket(AF_INET, SOCK_STREAM | SOCK_CLOEXEC | SOCK_NONBLOCK, 0);
-    if (c->listen_fd < 0)
-        return ls_fail(diag, LS_ERR_OS, "controller: socket: %s", strerror(errno));
-    setsockopt(c->listen_fd, SOL_SOCKET, SO_REUSEADDR, &(int){1}, sizeof(int));
-    if (bind(c->listen_fd, (struct sockaddr *)&sa, sizeof sa) || listen(c->listen_fd, 8) ||
-        getsockname(c->listen_fd, (struct sockaddr *)&sa, &len))
-        return ls_fail(diag, errno == EADDRINUSE ? LS_ERR_BUSY : LS_ERR_OS,
-                       "controller: %s port %u: %s", c->config.address, c->config.port,
-                       strerror(errno));
-    c->port = ntohs(sa.sin_port);
     return LS_OK;
 }
 
@@ -76,21 +58,22 @@ static enum ls_err allocate(struct sim_controller *c, struct ls_diag *diag)
 {
     c->memory = calloc(c->config.max_program_bytes / 2 + LS_WIRE_WINDOW_DATA, sizeof *c->memory);
     c->events = calloc(c->config.event_queue, sizeof *c->events);
-    c->modbus = modbus_new_tcp(NULL, 0);
-    c->map =
-        modbus_mapping_new_start_address(0, 0, 0, 0, 0, LS_WIRE_WINDOW + LS_WIRE_WINDOW_SIZE, 0, 0);
     c->kick_fd = eventfd(0, EFD_CLOEXEC | EFD_NONBLOCK);
-    if (!c->memory || !c->events || !c->modbus || !c->map || c->kick_fd < 0)
+    if (!c->memory || !c->events || c->kick_fd < 0)
         return ls_fail(diag, LS_ERR_NOMEM, "controller: out of memory");
-    modbus_set_byte_timeout(c->modbus, 0, BYTE_TIMEOUT_US);
-    modbus_set_response_timeout(c->modbus, 0, BYTE_TIMEOUT_US);
     return LS_OK;
+}
+
+static void *serve(void *controller)
+{
+    struct sim_controller *c = controller;
+    c->wire->serve(c);
+    return NULL;
 }
 
 static enum ls_err start(struct sim_controller *c, struct ls_diag *diag)
 {
-    void *(*const body[])(void *) = {sim_controller_engine, sim_controller_server,
-                                     sim_controller_preparation};
+    void *(*const body[])(void *) = {sim_controller_engine, serve, sim_controller_preparation};
     pthread_t *const thread[] = {&c->engine, &c->server, &c->preparation};
     for (c->n_threads = 0; c->n_threads < 3; c->n_threads++)
         if (pthread_create(thread[c->n_threads], NULL, body[c->n_threads], c))
@@ -121,7 +104,8 @@ enum ls_err sim_controller_create(const struct sim_controller_config *config,
         return ls_fail(diag, LS_ERR_NOMEM, "controller: out of memory");
     c->config = *config;
     c->hooks = *hooks;
-    c->listen_fd = c->kick_fd = -1;
+    c->wire = wires[config->wire];
+    c->kick_fd = -1;
     if (!c->config.clock.start_ns)
         c->config.clock.start_ns = sim_now_ns();
     for (uint32_t i = 0; i < c->config.n_faults; i++)
@@ -132,7 +116,7 @@ enum ls_err sim_controller_create(const struct sim_controller_config *config,
     init_sync(c);
     err = allocate(c, diag);
     if (!err)
-        err = listen_on(c, diag);
+        err = c->wire->open(c, diag);
     if (!err)
         err = start(c, diag);
     if (err) {
@@ -146,6 +130,19 @@ enum ls_err sim_controller_create(const struct sim_controller_config *config,
 unsigned sim_controller_port(const struct sim_controller *controller)
 {
     return controller->port;
+}
+
+const char *sim_controller_path(const struct sim_controller *controller)
+{
+    return controller->path;
+}
+
+bool sim_controller_quitting(struct sim_controller *c)
+{
+    pthread_mutex_lock(&c->lock);
+    bool quit = c->quit;
+    pthread_mutex_unlock(&c->lock);
+    return quit;
 }
 
 uint64_t sim_controller_us(const struct sim_controller *c)
@@ -179,14 +176,9 @@ void sim_controller_destroy(struct sim_controller *c)
     if (!c)
         return;
     stop(c);
-    if (c->listen_fd >= 0)
-        close(c->listen_fd);
+    c->wire->close(c);
     if (c->kick_fd >= 0)
         close(c->kick_fd);
-    if (c->modbus)
-        modbus_free(c->modbus);
-    if (c->map)
-        modbus_mapping_free(c->map);
     sim_program_finish(&c->program);
     free(c->memory);
     free(c->events);

@@ -1,6 +1,6 @@
 /*
- * controller: the simulated dome controller: a Modbus TCP server that speaks the contract of
- * drivers/lights_wire.h, and an engine that fires steps by its own clock.
+ * controller: the simulated dome controller: it speaks the contract of drivers/lights_wire.h over
+ * Modbus TCP, a serial line or USB, and its engine fires steps by its own clock.
  * Layer: sim. Threads: create and destroy on one thread; three threads of its own (server, engine,
  * preparation) call the hooks. Ownership: the controller owns everything it hands to a hook.
  *
@@ -20,11 +20,18 @@
 enum sim_controller_fault_kind {
     SIM_CONTROLLER_STALL,      /* the engine pauses value ms before step at */
     SIM_CONTROLLER_REFUSE,     /* the next count commits end as unprepared; at, value unused */
-    SIM_CONTROLLER_DISCONNECT, /* every TCP connection is closed after step at */
+    SIM_CONTROLLER_DISCONNECT, /* after step at every TCP connection is closed; on USB it is
+                                  unplugged, and plugged in again after value ms, 0 = never */
     SIM_CONTROLLER_INTERLOCK,  /* opens before step at; closes again after value ms, 0 = never */
     SIM_CONTROLLER_ESTOP,      /* as interlock, of the emergency stop */
     SIM_CONTROLLER_DEAD,    /* no request is answered after step at, for value ms, 0 = for ever */
     SIM_CONTROLLER_CORRUPT, /* the next count window writes lose a bit */
+    SIM_CONTROLLER_REBOOT,  /* after step at: program, run and connections are gone; on USB it
+                               comes back after value ms */
+    SIM_CONTROLLER_LATE,    /* serial: count answers after step at come value ms late */
+    SIM_CONTROLLER_LOSE_PACKET,   /* USB: count event packets from step at on never leave */
+    SIM_CONTROLLER_DAMAGE_PACKET, /* USB: the same lose a bit */
+    SIM_CONTROLLER_HALT,          /* USB: the event endpoint stalls after step at */
 };
 
 struct sim_controller_fault {
@@ -36,10 +43,14 @@ struct sim_controller_fault {
 
 enum { SIM_CONTROLLER_MAX_FAULTS = 16 };
 
+enum sim_controller_wire { SIM_WIRE_MODBUS, SIM_WIRE_MODBUS_RTU, SIM_WIRE_USB };
+
 struct sim_controller_config {
-    char address[64]; /* to bind; default 127.0.0.1 */
-    unsigned port;    /* 0: any free one */
+    uint32_t wire;    /* enum sim_controller_wire */
+    char address[64]; /* Modbus TCP: to bind; default 127.0.0.1 */
+    unsigned port;    /* Modbus TCP: 0: any free one */
     unsigned unit;    /* Modbus unit identifier answered to */
+    unsigned baud;    /* serial: answers take as long as their bytes, and those asked, do */
     char serial[32];
     uint32_t firmware;
     uint32_t n_lights, n_channels;
@@ -88,8 +99,12 @@ LS_MUST_CHECK enum ls_err sim_controller_create(const struct sim_controller_conf
                                                 const struct sim_controller_hooks *hooks,
                                                 struct sim_controller **out, struct ls_diag *diag);
 
-/** The port really bound. */
+/** Modbus TCP: the port really bound; else 0. */
 unsigned sim_controller_port(const struct sim_controller *controller);
+
+/** Serial: path of the line's other end. USB: root of the umockdev testbed (UMOCKDEV_DIR of a
+ * process that runs under libumockdev-preload). Modbus TCP: "". Constant. */
+const char *sim_controller_path(const struct sim_controller *controller);
 
 /** LEDs dark, threads joined, memory freed. NULL is allowed. */
 void sim_controller_destroy(struct sim_controller *controller);

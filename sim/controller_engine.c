@@ -23,6 +23,8 @@ static void push_event(struct sim_controller *c, const struct sim_event *event)
         c->event_first++;
         c->events_lost++;
     }
+    if (c->wire->event)
+        c->wire->event(c);
 }
 
 static bool is_running(const struct sim_controller *c, const struct run *run)
@@ -69,13 +71,35 @@ static void faults_before(struct sim_controller *c, struct run *run)
         run->ready_us = sim_controller_us(c) + (uint64_t)(fault->value * 1e3);
 }
 
+static void hang_up(struct sim_controller *c, double reconnect_ms)
+{
+    c->disconnect = true;
+    c->reconnect_ms = reconnect_ms;
+    eventfd_write(c->kick_fd, 1);
+}
+
+/** As after a power cut: all is dark and forgotten. */
+static void reboot(struct sim_controller *c)
+{
+    c->boot += c->boot + 1 ? 1 : 2; /* never 0 */
+    c->state = LS_WIRE_IDLE;
+    c->arm = 0;
+    c->fired = c->granted = 0;
+    c->event_first = c->event_next = 0;
+    sim_program_finish(&c->program);
+}
+
 static void faults_after(struct sim_controller *c, uint32_t step)
 {
     const struct sim_controller_fault *fault;
-    if (sim_controller_due(c, SIM_CONTROLLER_DISCONNECT, step)) {
-        c->disconnect = true;
-        eventfd_write(c->kick_fd, 1);
+    if ((fault = sim_controller_due(c, SIM_CONTROLLER_REBOOT, step))) {
+        reboot(c);
+        hang_up(c, fault->value);
     }
+    if ((fault = sim_controller_due(c, SIM_CONTROLLER_DISCONNECT, step)))
+        hang_up(c, fault->value);
+    if (sim_controller_due(c, SIM_CONTROLLER_HALT, step))
+        c->halt = true;
     if ((fault = sim_controller_due(c, SIM_CONTROLLER_DEAD, step)))
         c->dead_until_ns =
             fault->value > 0 ? sim_now_ns() + (uint64_t)(fault->value * 1e6) : UINT64_MAX;

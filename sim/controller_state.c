@@ -10,7 +10,7 @@ static bool is_open(uint64_t until_ns)
 static int refuse(struct sim_controller *c, uint16_t reason, uint32_t detail)
 {
     c->refusal = (struct sim_refusal){reason, detail, 0};
-    return MODBUS_EXCEPTION_SLAVE_OR_SERVER_FAILURE;
+    return SIM_ANSWER_REFUSED;
 }
 
 static int refuse_state(struct sim_controller *c)
@@ -27,17 +27,30 @@ void sim_controller_latch(struct sim_controller *c, uint16_t faults)
     pthread_cond_broadcast(&c->wake);
 }
 
-struct sim_controller_fault *sim_controller_due(struct sim_controller *c,
-                                                enum sim_controller_fault_kind kind, uint32_t step)
+static struct sim_controller_fault *
+due(struct sim_controller *c, enum sim_controller_fault_kind kind, uint32_t first, uint32_t last)
 {
     for (uint32_t i = 0; i < c->config.n_faults; i++) {
         struct sim_controller_fault *fault = &c->config.faults[i];
-        if (fault->kind == kind && fault->at == step && fault->count) {
+        if (fault->kind == kind && fault->at >= first && fault->at <= last && fault->count) {
             fault->count--;
             return fault;
         }
     }
     return NULL;
+}
+
+struct sim_controller_fault *sim_controller_due(struct sim_controller *c,
+                                                enum sim_controller_fault_kind kind, uint32_t step)
+{
+    return due(c, kind, step, step);
+}
+
+struct sim_controller_fault *sim_controller_due_from(struct sim_controller *c,
+                                                     enum sim_controller_fault_kind kind,
+                                                     uint32_t step)
+{
+    return due(c, kind, 0, step);
 }
 
 static void drop_program(struct sim_controller *c)
@@ -71,7 +84,7 @@ static int commit(struct sim_controller *c)
         return refuse(c, LS_WIRE_REFUSED_CRC, crc);
     if (sim_program_decode(&c->config, c->memory, bytes / 2, &program, &c->refusal)) {
         sim_controller_latch(c, c->refusal.faults);
-        return MODBUS_EXCEPTION_SLAVE_OR_SERVER_FAILURE;
+        return SIM_ANSWER_REFUSED;
     }
     if (program.n_conditions != control32(c, LS_WIRE_CT_CONDITIONS) ||
         program.n_steps != control32(c, LS_WIRE_CT_STEPS)) {
@@ -184,7 +197,7 @@ static int acknowledge(struct sim_controller *c, uint32_t sequence)
 static int write_control(struct sim_controller *c, unsigned at, const uint16_t *regs, unsigned n)
 {
     if (at % 2 || (at == LS_WIRE_CT_COMMAND ? n != 1 : n % 2))
-        return MODBUS_EXCEPTION_ILLEGAL_DATA_ADDRESS;
+        return SIM_ANSWER_ADDRESS;
     int rc = at == LS_WIRE_CT_COMMAND ? command(c, regs[0]) : 0;
     for (; !rc && n > 1; at += 2, regs += 2, n -= 2) {
         uint32_t value = ls_wire_get32(regs);
@@ -229,7 +242,7 @@ int sim_controller_write(struct sim_controller *c, unsigned address, const uint1
         return write_control(c, address - LS_WIRE_CONTROL, regs, n);
     if (address == LS_WIRE_WINDOW && n <= LS_WIRE_WINDOW_SIZE)
         return write_window(c, regs, n);
-    return MODBUS_EXCEPTION_ILLEGAL_DATA_ADDRESS;
+    return SIM_ANSWER_ADDRESS;
 }
 
 static void fill_identity(const struct sim_controller *c, uint16_t *regs)
@@ -258,6 +271,17 @@ static void fill_limits(const struct sim_controller *c, uint16_t *regs)
         ls_wire_put32(regs + 2 * i, limits[i]);
 }
 
+void sim_controller_event(const struct sim_controller *c, uint32_t sequence,
+                          uint16_t regs[LS_WIRE_EVENT_SIZE])
+{
+    const struct sim_event *event = &c->events[sequence % c->config.event_queue];
+    ls_wire_put32(regs + LS_WIRE_EV_STEP, event->step);
+    ls_wire_put64(regs + LS_WIRE_EV_US, event->us);
+    ls_wire_put32(regs + LS_WIRE_EV_WIDTH_US, event->width_us);
+    regs[LS_WIRE_EV_FLAGS] = event->flags;
+    regs[LS_WIRE_EV_SEQUENCE] = (uint16_t)sequence;
+}
+
 static void fill_events(const struct sim_controller *c, uint16_t *regs)
 {
     uint32_t pending = c->event_next - c->event_first;
@@ -265,15 +289,9 @@ static void fill_events(const struct sim_controller *c, uint16_t *regs)
     ls_wire_put32(regs + LS_WIRE_ST_EVENT_FIRST, c->event_first);
     regs[LS_WIRE_ST_EVENT_COUNT] = (uint16_t)n;
     regs[LS_WIRE_ST_EVENT_PENDING] = pending < UINT16_MAX ? (uint16_t)pending : UINT16_MAX;
-    for (uint32_t i = 0; i < n; i++) {
-        const struct sim_event *event = &c->events[(c->event_first + i) % c->config.event_queue];
-        uint16_t *at = regs + LS_WIRE_ST_EVENTS + i * LS_WIRE_EVENT_SIZE;
-        ls_wire_put32(at + LS_WIRE_EV_STEP, event->step);
-        ls_wire_put64(at + LS_WIRE_EV_US, event->us);
-        ls_wire_put32(at + LS_WIRE_EV_WIDTH_US, event->width_us);
-        at[LS_WIRE_EV_FLAGS] = event->flags;
-        at[LS_WIRE_EV_SEQUENCE] = (uint16_t)(c->event_first + i);
-    }
+    for (uint32_t i = 0; i < n; i++)
+        sim_controller_event(c, c->event_first + i,
+                             regs + LS_WIRE_ST_EVENTS + i * LS_WIRE_EVENT_SIZE);
 }
 
 static uint16_t flags(const struct sim_controller *c)
@@ -340,10 +358,10 @@ int sim_controller_read(struct sim_controller *c, unsigned address, uint16_t *re
     for (size_t i = 0; i < sizeof blocks / sizeof *blocks; i++) {
         if (address < blocks[i].address || address + n > blocks[i].address + blocks[i].size)
             continue;
-        uint16_t block[MODBUS_MAX_READ_REGISTERS] = {0};
+        uint16_t block[SIM_MAX_REGISTERS] = {0};
         blocks[i].fill(c, block);
         memcpy(regs, block + (address - blocks[i].address), n * sizeof *regs);
         return 0;
     }
-    return MODBUS_EXCEPTION_ILLEGAL_DATA_ADDRESS;
+    return SIM_ANSWER_ADDRESS;
 }

@@ -146,9 +146,10 @@ char *sim_rig_ready_line(const struct sim_rig *rig)
     json_t *cameras = json_array();
     for (uint32_t i = 0; i < rig->n_cameras; i++)
         json_array_append_new(cameras, json_string(rig->config->cameras[i].address));
-    json_t *line = json_pack("{s:i, s:s, s:i, s:o, s:i, s:i}", "pid", (int)getpid(),
+    json_t *line = json_pack("{s:i, s:s, s:i, s:s, s:o, s:i, s:i}", "pid", (int)getpid(),
                              "modbus_address", rig->config->controller.address, "modbus_port",
-                             (int)sim_controller_port(rig->controller), "cameras", cameras,
+                             (int)sim_controller_port(rig->controller), "controller_path",
+                             sim_controller_path(rig->controller), "cameras", cameras,
                              "lights", (int)sim_scene_geometry(rig->scene)->n_lights, "channels",
                              (int)rig->config->scene.n_channels);
     char *text = line ? json_dumps(line, JSON_COMPACT) : NULL;

@@ -65,12 +65,13 @@ def die_with_parent():
 class Process:
     """A child that writes one line of JSON when it is ready; its output goes to a log."""
 
-    def __init__(self, log, *command):
+    def __init__(self, log, *command, environment={}):
         ready, pipe = os.pipe()
         self.name, self.log = os.path.basename(command[0]), log
         with open(log, "a", encoding="utf-8") as out:
             self.child = subprocess.Popen([*command, "--ready-fd", str(pipe)], stdout=out,
                                           stderr=out, stdin=subprocess.DEVNULL, pass_fds=[pipe],
+                                          env={**os.environ, **environment},
                                           preexec_fn=die_with_parent)
         os.close(pipe)
         with os.fdopen(ready, encoding="utf-8") as lines:
@@ -101,14 +102,14 @@ class Rig:
     in pixels, one number or (width, height); region is the middle part of it that the daemon's
     camera reads out, the whole by default; positions is (file, axes, unit) as the daemon reads
     them, the simulator's own by default; cameras is how many of VIEWS there are, all alike but for
-    where they stand.
+    where they stand; wire is the controller's, as the daemon calls its driver.
     """
 
     def __init__(self, build, folder, size=512, scene="stilllife", channels="WRAGCBVH",
                  scene_extra="", camera_extra="", simulator_extra="", daemon_extra="",
                  rig_camera_extra="", cfa="RG", pixel_format="BayerRG12", calibrated=True,
                  packet_size=9000, timeout_ms=2000, focal_mm=25,
-                 blur_px=0,
+                 blur_px=0, wire="modbus",
                  positions=("positions.csv", "right,up,towards", "m"), region=None,
                  calibration="calibration.json", cameras=1):
         self.build, self.folder = build, folder
@@ -116,14 +117,14 @@ class Rig:
         self.channels, self.pixel_format = channels, pixel_format
         self.focal_mm, self.blur_px, self.positions = focal_mm, blur_px, positions
         self.daemon_extra, self.rig_camera_extra = daemon_extra, rig_camera_extra
-        self.calibration = calibration
+        self.calibration, self.wire = calibration, wire
         self.calibrated, self.packet_size, self.timeout_ms = calibrated, packet_size, timeout_ms
         self.region = region or (self.width, self.height)
         self.max_fps = min(MAX_FPS, READOUT_PX_PER_S / (self.region[0] * self.region[1]))
         self.addresses = [loopback(k + 1) for k in range(cameras)]
         self.dome = self.daemon = None
         self.scene = (scene, scene_extra, cfa, camera_extra, simulator_extra)
-        self.write_simulator()
+        self.write_simulator("" if wire == "modbus" else f'wire = "{wire}";')
         self.simulator("describe", "--pixel-format", pixel_format, "--output", folder)
 
     def cameras(self):
@@ -131,7 +132,7 @@ class Rig:
         return [(name, address, position) for (name, position), address in
                 zip(VIEWS, self.addresses)]
 
-    def write_simulator(self, port=""):
+    def write_simulator(self, controller):
         scene, scene_extra, cfa, camera_extra, simulator_extra = self.scene
         cameras = ",\n".join(f"""
     {{ address = "{address}"; position_m = {position}; width = {self.width};
@@ -142,7 +143,7 @@ class Rig:
 scene = {{ scene = "{scene}"; {scene_extra} }};
 cameras = ({cameras} );
 log = "shown.jsonl";
-{port}
+{f"controller = {{ {controller} }};" if controller else ""}
 {simulator_extra}
 """)
 
@@ -154,7 +155,7 @@ log = "shown.jsonl";
         if wrong:
             raise Failed(wrong)
         self.scene = (scene, *self.scene[1:])
-        self.write_simulator(f"controller = {{ port = {port}; }};")
+        self.write_simulator(f"port = {port};")
         self.start_simulator()
 
     def path(self, name):
@@ -167,14 +168,20 @@ log = "shown.jsonl";
         return call(self.program("sim/lightstage-sim"), command, "--config", self.path("sim.conf"),
                     *arguments)
 
+    def usb(self):
+        """What libusb and libudev see through this library is what the simulator plugs in."""
+        return {"LD_PRELOAD": "libumockdev-preload.so.0"} if self.wire == "usb" else {}
+
     def start_simulator(self):
         self.dome = Process(self.path("sim.log"), self.program("sim/lightstage-sim"), "run",
-                            "--config", self.path("sim.conf"))
+                            "--config", self.path("sim.conf"), environment=self.usb())
 
     def start_daemon(self):
         self.write_configuration()
+        testbed = {"UMOCKDEV_DIR": self.dome.ready["controller_path"]} if self.usb() else {}
         self.daemon = Process(self.path("daemon.log"), self.program("daemon/lightstaged"),
-                              "--config", self.path("daemon.conf"))
+                              "--config", self.path("daemon.conf"),
+                              environment={**self.usb(), **testbed})
 
     def start(self):
         self.start_simulator()
@@ -187,6 +194,11 @@ log = "shown.jsonl";
         self.daemon = self.dome = None
         return [sentence for sentence in ended if sentence]
 
+    def controller_address(self):
+        if self.wire == "modbus":
+            return f'address = "127.0.0.1"; port = {self.dome.ready["modbus_port"]};'
+        return f'address = "{"any" if self.wire == "usb" else self.dome.ready["controller_path"]}";'
+
     def write_configuration(self):
         constants = json.loads(read(self.path("calibration.json")))["camera"]
         calibration = f'calibration = "{self.calibration}";' if self.calibrated else ""
@@ -195,7 +207,7 @@ storage = "takes";
 socket = "socket";
 rig = "rig.conf";
 {calibration}
-controller = {{ driver = "modbus"; address = "127.0.0.1"; port = {self.dome.ready['modbus_port']};
+controller = {{ driver = "{self.wire}"; {self.controller_address()}
                timeout_ms = {self.timeout_ms}; }};
 {self.daemon_extra}
 """)

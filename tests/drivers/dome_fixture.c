@@ -47,6 +47,11 @@ static void on_dark(void *user, uint64_t true_ns)
     sem_post(&log->dark);
 }
 
+struct ready {
+    unsigned port;
+    char path[128];
+};
+
 static void child(const struct sim_controller_config *config, struct dome_log *log, int ready_fd,
                   int hold_fd)
 {
@@ -59,8 +64,9 @@ static void child(const struct sim_controller_config *config, struct dome_log *l
         g_printerr("%s\n", diag.text);
         _exit(1);
     }
-    unsigned port = sim_controller_port(controller);
-    if (write(ready_fd, &port, sizeof port) != sizeof port)
+    struct ready ready = {.port = sim_controller_port(controller)};
+    g_strlcpy(ready.path, sim_controller_path(controller), sizeof ready.path);
+    if (write(ready_fd, &ready, sizeof ready) != sizeof ready)
         _exit(1);
     close(ready_fd);
     while (read(hold_fd, &byte, 1) > 0)
@@ -90,9 +96,30 @@ struct dome dome_start(const struct sim_controller_config *config)
     close(ready[1]);
     close(hold[0]);
     dome.hold_fd = hold[1];
-    g_assert_cmpint(read(ready[0], &dome.port, sizeof dome.port), ==, sizeof dome.port);
+    struct ready said;
+    g_assert_cmpint(read(ready[0], &said, sizeof said), ==, sizeof said);
     close(ready[0]);
+    dome.port = said.port;
+    dome.baud = config->baud;
+    dome.wire = (enum sim_controller_wire)config->wire;
+    g_strlcpy(dome.path, said.path, sizeof dome.path);
+    if (dome.wire == SIM_WIRE_USB)
+        g_setenv("UMOCKDEV_DIR", dome.path, true);
     return dome;
+}
+
+struct ls_lights_config dome_address(const struct dome *dome)
+{
+    static const char *const drivers[] = {"modbus", "modbus-rtu", "usb"};
+    static const char *const addresses[] = {"127.0.0.1", NULL, "any"};
+    return (struct ls_lights_config){
+        .driver = drivers[dome->wire],
+        .address = addresses[dome->wire] ? addresses[dome->wire] : dome->path,
+        .port = dome->port,
+        .baud = dome->baud,
+        .unit = 1,
+        .timeout_ms = 2000, /* a busy machine */
+    };
 }
 
 void dome_stop(struct dome *dome)
@@ -120,6 +147,7 @@ struct sim_controller_config dome_small(void)
     config.n_channels = 3;
     config.min_period_us = 1000;
     config.max_current_ma = 6000;
+    config.baud = 921600;                   /* a status, 245 bytes, takes 3 ms */
     config.clock.epoch_ticks = 5000000000u; /* beyond 32 bits */
     config.clock.drift_ppm = -80;
     return config;

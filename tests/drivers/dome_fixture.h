@@ -32,7 +32,10 @@ struct dome_log {
 struct dome {
     pid_t pid;
     int hold_fd; /* the child lives until this is closed */
-    unsigned port;
+    enum sim_controller_wire wire;
+    unsigned port;  /* Modbus TCP */
+    unsigned baud;  /* Modbus RTU */
+    char path[128]; /* serial line, or USB testbed */
     struct dome_log *log;
 };
 
@@ -42,6 +45,10 @@ void dome_stop(struct dome *dome);
 
 /** Wait until the LEDs went dark once more; the test fails after 10 s. */
 void dome_wait_dark(struct dome *dome);
+
+/** How to reach it, on the wire it was started with: unit 1, a timeout of two seconds. Strings are
+ * @dome's. On USB this process must run under libumockdev-preload. */
+struct ls_lights_config dome_address(const struct dome *dome);
 
 /** A small fast controller: 12 lights, 3 channels, 1 ms period, drifting clock. */
 struct sim_controller_config dome_small(void);

@@ -1,6 +1,6 @@
 /* The controller's side of the contract, spoken to register by register, without a driver. */
 #include "drivers/lights_image.h"
-#include "drivers/modbus/link.h"
+#include "drivers/modbus/modbus.h"
 #include "tests/drivers/dome_fixture.h"
 
 #include <errno.h>
@@ -13,27 +13,28 @@
 
 struct bench {
     struct dome dome;
-    struct ls_link link;
+    struct ls_link *link;
 };
 
 static struct bench bench_open(const struct sim_controller_config *config)
 {
     struct bench b = {.dome = dome_start(config)};
     struct ls_diag diag = {0};
-    g_assert_cmpint(ls_link_init(&b.link, "127.0.0.1", b.dome.port, 1, 500, &diag), ==, LS_OK);
-    g_assert_cmpint(ls_link_connect(&b.link, &diag), ==, LS_OK);
+    struct ls_lights_config address = dome_address(&b.dome);
+    g_assert_cmpint(ls_wire_modbus.create(&address, &b.link, &diag), ==, LS_OK);
+    g_assert_cmpint(b.link->ops->connect(b.link, &diag), ==, LS_OK);
     return b;
 }
 
 static void bench_close(struct bench *b)
 {
-    ls_link_finish(&b->link);
+    b->link->ops->destroy(b->link);
     dome_stop(&b->dome);
 }
 
 static enum ls_err put(struct bench *b, unsigned address, unsigned n, const uint16_t *regs)
 {
-    return ls_link_write(&b->link, address, n, regs, NULL);
+    return b->link->ops->write(b->link, address, n, regs, NULL);
 }
 
 static enum ls_err command(struct bench *b, uint16_t value)
@@ -50,8 +51,8 @@ static enum ls_err put32(struct bench *b, unsigned offset, uint32_t value)
 
 static void status(struct bench *b, uint16_t *regs)
 {
-    g_assert_cmpint(ls_link_read(&b->link, LS_WIRE_STATUS, LS_WIRE_STATUS_SIZE, regs, NULL), ==,
-                    LS_OK);
+    g_assert_cmpint(b->link->ops->read(b->link, LS_WIRE_STATUS, LS_WIRE_STATUS_SIZE, regs, NULL),
+                    ==, LS_OK);
 }
 
 static void upload(struct bench *b, const struct ls_program *program)
@@ -154,7 +155,7 @@ static void test_registers(void)
     const unsigned outside[][2] = {{24, 1},    {20, 5},    {0x40, 31}, {0x100, 121}, {0x210, 1},
                                    {0x222, 1}, {0x37b, 1}, {65535, 1}, {65530, 100}};
     for (size_t i = 0; i < G_N_ELEMENTS(outside); i++)
-        g_assert_cmpint(ls_link_read(&b.link, outside[i][0], outside[i][1], regs, NULL), ==,
+        g_assert_cmpint(b.link->ops->read(b.link, outside[i][0], outside[i][1], regs, NULL), ==,
                         LS_ERR_UNSUPPORTED);
     g_assert_cmpint(put(&b, LS_WIRE_STATUS, 1, regs), ==, LS_ERR_UNSUPPORTED);
     g_assert_cmpint(put(&b, LS_WIRE_IDENTITY, 1, regs), ==, LS_ERR_UNSUPPORTED);
@@ -169,7 +170,7 @@ static void test_registers(void)
     ls_wire_put32(regs, 1000);
     regs[3] = 0x1234;
     g_assert_cmpint(put(&b, LS_WIRE_WINDOW, 5, regs), ==, LS_OK);
-    g_assert_cmpint(ls_link_read(&b.link, LS_WIRE_WINDOW, 4, regs, NULL), ==, LS_OK);
+    g_assert_cmpint(b.link->ops->read(b.link, LS_WIRE_WINDOW, 4, regs, NULL), ==, LS_OK);
     g_assert_cmphex(regs[3], ==, 0x1234);
     bench_close(&b);
 }
@@ -205,9 +206,9 @@ static void test_garbage(void)
     uint16_t regs[LS_WIRE_IDENTITY_SIZE];
     enum ls_err err = LS_ERR_GONE; /* our connection may have been the oldest */
     for (int i = 0; i < 3 && err; i++) {
-        err = ls_link_connect(&b.link, NULL);
+        err = b.link->ops->connect(b.link, NULL);
         if (!err)
-            err = ls_link_read(&b.link, LS_WIRE_IDENTITY, LS_WIRE_IDENTITY_SIZE, regs, NULL);
+            err = b.link->ops->read(b.link, LS_WIRE_IDENTITY, LS_WIRE_IDENTITY_SIZE, regs, NULL);
     }
     g_assert_cmpint(err, ==, LS_OK);
     g_assert_cmphex(regs[0], ==, LS_WIRE_MAGIC_0);

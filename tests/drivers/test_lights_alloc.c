@@ -48,8 +48,7 @@ static void test_poll_and_grant(void)
 #else
     struct sim_controller_config config = dome_small();
     struct dome dome = dome_start(&config);
-    struct ls_lights_config lc = {
-        .driver = "modbus", .address = "127.0.0.1", .port = dome.port, .unit = 1};
+    struct ls_lights_config lc = dome_address(&dome);
     struct ls_lights *lights;
     struct ls_condition dark = {LS_CONDITION_DARK, 0, NULL};
     struct ls_step steps[200];

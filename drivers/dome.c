@@ -1,7 +1,6 @@
-#include "drivers/modbus/dome.h"
+#include "drivers/dome.h"
 
 #include "drivers/lights_image.h"
-#include "drivers/modbus/link.h"
 
 #include <stdatomic.h>
 #include <stdlib.h>
@@ -10,8 +9,8 @@
 
 enum { STUCK_MS = 120000, WAIT_MS = 5 };
 
-struct dome {
-    struct ls_link link;
+struct ls_dome {
+    struct ls_link *link; /* owned */
     struct ls_lights_info info;
     uint32_t boot;       /* of the controller we armed */
     uint16_t arm;        /* its count of arms, then */
@@ -21,24 +20,18 @@ struct dome {
     uint32_t next_event; /* sequence number */
 };
 
-static uint64_t host_ns(void)
-{
-    struct timespec now;
-    clock_gettime(CLOCK_MONOTONIC_RAW, &now);
-    return (uint64_t)now.tv_sec * 1000000000u + (uint64_t)now.tv_nsec;
-}
-
-static enum ls_err identify(struct dome *dome, struct ls_lights_info *info, struct ls_diag *diag)
+static enum ls_err identify(struct ls_dome *dome, struct ls_lights_info *info, struct ls_diag *diag)
 {
     uint16_t identity[LS_WIRE_IDENTITY_SIZE], limits[LS_WIRE_LIMITS_SIZE];
     enum ls_err err =
-        ls_link_read(&dome->link, LS_WIRE_IDENTITY, LS_WIRE_IDENTITY_SIZE, identity, diag);
+        dome->link->ops->read(dome->link, LS_WIRE_IDENTITY, LS_WIRE_IDENTITY_SIZE, identity, diag);
     if (!err)
-        err = ls_link_read(&dome->link, LS_WIRE_LIMITS, LS_WIRE_LIMITS_SIZE, limits, diag);
+        err = dome->link->ops->read(dome->link, LS_WIRE_LIMITS, LS_WIRE_LIMITS_SIZE, limits, diag);
     return err ? err : ls_wire_decode_info(identity, limits, info, diag);
 }
 
-static enum ls_err check_arm(const struct dome *dome, const uint16_t *status, struct ls_diag *diag)
+static enum ls_err check_arm(const struct ls_dome *dome, const uint16_t *status,
+                             struct ls_diag *diag)
 {
     if (!dome->armed)
         return LS_OK;
@@ -53,20 +46,21 @@ static enum ls_err check_arm(const struct dome *dome, const uint16_t *status, st
     return LS_OK;
 }
 
-static enum ls_err read_status(struct dome *dome, uint16_t *status, struct ls_diag *diag)
+static enum ls_err read_status(struct ls_dome *dome, uint16_t *status, struct ls_diag *diag)
 {
-    enum ls_err err = ls_link_read(&dome->link, LS_WIRE_STATUS, LS_WIRE_STATUS_SIZE, status, diag);
+    enum ls_err err =
+        dome->link->ops->read(dome->link, LS_WIRE_STATUS, LS_WIRE_STATUS_SIZE, status, diag);
     return err ? err : check_arm(dome, status, diag);
 }
 
 /** Connected to the controller we opened, armed as we armed it. */
-static enum ls_err ensure(struct dome *dome, struct ls_diag *diag)
+static enum ls_err ensure(struct ls_dome *dome, struct ls_diag *diag)
 {
-    if (dome->link.connected)
+    if (dome->link->connected)
         return LS_OK;
     struct ls_lights_info info;
     uint16_t status[LS_WIRE_STATUS_SIZE];
-    enum ls_err err = ls_link_connect(&dome->link, diag);
+    enum ls_err err = dome->link->ops->connect(dome->link, diag);
     if (!err)
         err = identify(dome, &info, diag);
     if (!err && memcmp(&info, &dome->info, sizeof info))
@@ -76,8 +70,8 @@ static enum ls_err ensure(struct dome *dome, struct ls_diag *diag)
                       dome->info.serial, info.serial);
     if (!err)
         err = read_status(dome, status, diag);
-    if (err && dome->link.connected)
-        ls_link_disconnect(&dome->link);
+    if (err && dome->link->connected)
+        dome->link->ops->disconnect(dome->link);
     return err;
 }
 
@@ -87,19 +81,19 @@ static bool is_lost(enum ls_err err)
 }
 
 /** A write that may be repeated after a lost link. */
-static enum ls_err write_again(struct dome *dome, unsigned address, unsigned n,
+static enum ls_err write_again(struct ls_dome *dome, unsigned address, unsigned n,
                                const uint16_t *regs, struct ls_diag *diag)
 {
     enum ls_err err = LS_ERR_GONE;
     for (int attempt = 0; attempt < 2 && is_lost(err); attempt++) {
         err = ensure(dome, diag);
         if (!err)
-            err = ls_link_write(&dome->link, address, n, regs, diag);
+            err = dome->link->ops->write(dome->link, address, n, regs, diag);
     }
     return err;
 }
 
-static enum ls_err explain(struct dome *dome, enum ls_err err, const char *doing,
+static enum ls_err explain(struct ls_dome *dome, enum ls_err err, const char *doing,
                            struct ls_diag *diag)
 {
     uint16_t status[LS_WIRE_STATUS_SIZE];
@@ -109,50 +103,53 @@ static enum ls_err explain(struct dome *dome, enum ls_err err, const char *doing
     return read ? read : ls_wire_refused(status, doing, diag);
 }
 
-static enum ls_err command(struct dome *dome, enum ls_wire_command value, const char *doing,
+static enum ls_err command(struct ls_dome *dome, enum ls_wire_command value, const char *doing,
                            struct ls_diag *diag)
 {
     uint16_t reg = (uint16_t)value;
     enum ls_err err = ensure(dome, diag);
     if (!err)
-        err = ls_link_write(&dome->link, LS_WIRE_CONTROL + LS_WIRE_CT_COMMAND, 1, &reg, diag);
+        err =
+            dome->link->ops->write(dome->link, LS_WIRE_CONTROL + LS_WIRE_CT_COMMAND, 1, &reg, diag);
     return explain(dome, err, doing, diag);
 }
 
-static void dome_close(void *priv)
+void ls_dome_close(struct ls_dome *dome)
 {
-    struct dome *dome = priv;
-    if (dome->link.connected && dome->ours) {
+    if (dome->link->connected && dome->ours) {
         uint16_t reg = LS_WIRE_BLANK;
-        (void)!ls_link_write(&dome->link, LS_WIRE_CONTROL + LS_WIRE_CT_COMMAND, 1, &reg, NULL);
+        (void)!dome->link->ops->write(dome->link, LS_WIRE_CONTROL + LS_WIRE_CT_COMMAND, 1, &reg,
+                                      NULL);
     }
-    ls_link_finish(&dome->link);
+    dome->link->ops->destroy(dome->link);
     free(dome);
 }
 
-static enum ls_err dome_open(const struct ls_lights_config *config, void **priv,
-                             struct ls_lights_info *info, struct ls_diag *diag)
+enum ls_err ls_dome_open(struct ls_link *link, struct ls_dome **out, struct ls_diag *diag)
 {
-    struct dome *dome = calloc(1, sizeof *dome);
-    if (!dome)
+    *out = NULL;
+    struct ls_dome *dome = calloc(1, sizeof *dome);
+    if (!dome) {
+        link->ops->destroy(link);
         return ls_fail(diag, LS_ERR_NOMEM, "out of memory");
-    enum ls_err err = ls_link_init(&dome->link, config->address, config->port, config->unit,
-                                   config->timeout_ms, diag);
-    if (!err)
-        err = ls_link_connect(&dome->link, diag);
+    }
+    dome->link = link;
+    enum ls_err err = link->ops->connect(link, diag);
     if (!err)
         err = identify(dome, &dome->info, diag);
-    if (err) {
-        ls_link_finish(&dome->link);
-        free(dome);
-        return err;
-    }
-    *info = dome->info;
-    *priv = dome;
-    return LS_OK;
+    if (err)
+        ls_dome_close(dome);
+    else
+        *out = dome;
+    return err;
 }
 
-static enum ls_err clear_faults(struct dome *dome, struct ls_diag *diag)
+const struct ls_lights_info *ls_dome_info(const struct ls_dome *dome)
+{
+    return &dome->info;
+}
+
+static enum ls_err clear_faults(struct ls_dome *dome, struct ls_diag *diag)
 {
     uint16_t status[LS_WIRE_STATUS_SIZE];
     enum ls_err err = ensure(dome, diag);
@@ -168,7 +165,8 @@ static enum ls_err clear_faults(struct dome *dome, struct ls_diag *diag)
     return command(dome, LS_WIRE_CLEAR_FAULTS, "clearing faults", diag);
 }
 
-static enum ls_err upload(struct dome *dome, const uint16_t *image, size_t n, struct ls_diag *diag)
+static enum ls_err upload(struct ls_dome *dome, const uint16_t *image, size_t n,
+                          struct ls_diag *diag)
 {
     uint16_t window[LS_WIRE_WINDOW_SIZE];
     enum ls_err err = LS_OK;
@@ -177,13 +175,13 @@ static enum ls_err upload(struct dome *dome, const uint16_t *image, size_t n, st
         ls_wire_put32(window + LS_WIRE_WN_ADDRESS, (uint32_t)at);
         window[LS_WIRE_WN_LENGTH] = (uint16_t)part;
         memcpy(window + LS_WIRE_WN_DATA, image + at, 2 * part);
-        err = ls_link_write(&dome->link, LS_WIRE_WINDOW, LS_WIRE_WN_DATA + (unsigned)part, window,
-                            diag);
+        err = dome->link->ops->write(dome->link, LS_WIRE_WINDOW, LS_WIRE_WN_DATA + (unsigned)part,
+                                     window, diag);
     }
     return explain(dome, err, "uploading", diag);
 }
 
-static enum ls_err announce(struct dome *dome, const struct ls_program *program,
+static enum ls_err announce(struct ls_dome *dome, const struct ls_program *program,
                             const uint16_t *image, size_t n, struct ls_diag *diag)
 {
     uint16_t regs[8], back[LS_WIRE_IMAGE_CRC_SIZE];
@@ -192,9 +190,11 @@ static enum ls_err announce(struct dome *dome, const struct ls_program *program,
     ls_wire_put32(regs + 2, crc);
     ls_wire_put32(regs + 4, program->n_conditions);
     ls_wire_put32(regs + 6, program->n_steps);
-    enum ls_err err = ls_link_write(&dome->link, LS_WIRE_CONTROL + LS_WIRE_CT_BYTES, 8, regs, diag);
+    enum ls_err err =
+        dome->link->ops->write(dome->link, LS_WIRE_CONTROL + LS_WIRE_CT_BYTES, 8, regs, diag);
     if (!err)
-        err = ls_link_read(&dome->link, LS_WIRE_IMAGE_CRC, LS_WIRE_IMAGE_CRC_SIZE, back, diag);
+        err = dome->link->ops->read(dome->link, LS_WIRE_IMAGE_CRC, LS_WIRE_IMAGE_CRC_SIZE, back,
+                                    diag);
     if (err)
         return explain(dome, err, "announcing the program", diag);
     if (ls_wire_get32(back) != crc)
@@ -212,11 +212,11 @@ static void pause_ms(unsigned ms)
 
 /* until the controller is not getting ready any more, for this program or one given up before; it
  * cannot tell on its own, so it is asked every WAIT_MS */
-static enum ls_err wait_prepared(struct dome *dome, const _Atomic bool *stop,
+static enum ls_err wait_prepared(struct ls_dome *dome, const _Atomic bool *stop,
                                  uint16_t status[LS_WIRE_STATUS_SIZE], struct ls_diag *diag)
 {
     uint16_t progress = 0;
-    uint64_t moved_ns = host_ns();
+    uint64_t moved_ns = ls_link_now_ns();
     for (;;) {
         enum ls_err err = ensure(dome, diag);
         if (!err)
@@ -227,9 +227,9 @@ static enum ls_err wait_prepared(struct dome *dome, const _Atomic bool *stop,
             return ls_fail(diag, LS_ERR_ABORTED, "stopped while controller %s got ready",
                            dome->info.serial);
         if (status[LS_WIRE_ST_PROGRESS] != progress)
-            moved_ns = host_ns();
+            moved_ns = ls_link_now_ns();
         progress = status[LS_WIRE_ST_PROGRESS];
-        if (host_ns() - moved_ns > STUCK_MS * 1000000ull)
+        if (ls_link_now_ns() - moved_ns > STUCK_MS * 1000000ull)
             return ls_fail(diag, LS_ERR_TIMEOUT,
                            "controller %s stands at %u permille of getting ready since %u s",
                            dome->info.serial, progress, STUCK_MS / 1000);
@@ -237,7 +237,7 @@ static enum ls_err wait_prepared(struct dome *dome, const _Atomic bool *stop,
     }
 }
 
-static enum ls_err wait_ready(struct dome *dome, const _Atomic bool *stop, struct ls_diag *diag)
+static enum ls_err wait_ready(struct ls_dome *dome, const _Atomic bool *stop, struct ls_diag *diag)
 {
     uint16_t status[LS_WIRE_STATUS_SIZE];
     enum ls_err err = wait_prepared(dome, stop, status, diag);
@@ -246,10 +246,9 @@ static enum ls_err wait_ready(struct dome *dome, const _Atomic bool *stop, struc
     return err;
 }
 
-static enum ls_err dome_load(void *priv, const struct ls_program *program, const _Atomic bool *stop,
-                             struct ls_diag *diag)
+enum ls_err ls_dome_load(struct ls_dome *dome, const struct ls_program *program,
+                         const _Atomic bool *stop, struct ls_diag *diag)
 {
-    struct dome *dome = priv;
     uint16_t status[LS_WIRE_STATUS_SIZE];
     dome->armed = false;
     enum ls_err err = wait_prepared(dome, stop, status, diag);
@@ -269,9 +268,8 @@ static enum ls_err dome_load(void *priv, const struct ls_program *program, const
     return err ? err : wait_ready(dome, stop, diag);
 }
 
-static enum ls_err dome_arm(void *priv, struct ls_diag *diag)
+enum ls_err ls_dome_arm(struct ls_dome *dome, struct ls_diag *diag)
 {
-    struct dome *dome = priv;
     uint16_t status[LS_WIRE_STATUS_SIZE];
     dome->armed = false;
     enum ls_err err = ensure(dome, diag);
@@ -295,9 +293,8 @@ static enum ls_err dome_arm(void *priv, struct ls_diag *diag)
     return LS_OK;
 }
 
-static enum ls_err dome_grant(void *priv, uint32_t n_steps, struct ls_diag *diag)
+enum ls_err ls_dome_grant(struct ls_dome *dome, uint32_t n_steps, struct ls_diag *diag)
 {
-    struct dome *dome = priv;
     uint16_t regs[2], release = LS_WIRE_RELEASE;
     ls_wire_put32(regs, n_steps);
     enum ls_err err =
@@ -310,7 +307,7 @@ static enum ls_err dome_grant(void *priv, uint32_t n_steps, struct ls_diag *diag
 }
 
 /** One round trip: acknowledge what was read, read the status and up to 9 events. */
-static enum ls_err exchange(struct dome *dome, uint16_t *regs, struct ls_lights_status *status,
+static enum ls_err exchange(struct ls_dome *dome, uint16_t *regs, struct ls_lights_status *status,
                             struct ls_diag *diag)
 {
     uint16_t ack[2];
@@ -318,70 +315,71 @@ static enum ls_err exchange(struct dome *dome, uint16_t *regs, struct ls_lights_
     enum ls_err err = LS_ERR_GONE;
     for (int attempt = 0; attempt < 2 && is_lost(err); attempt++) {
         err = ensure(dome, diag);
-        status->host_before_ns = host_ns();
         if (!err)
-            err = ls_link_write_read(&dome->link, LS_WIRE_CONTROL + LS_WIRE_CT_ACK, 2, ack,
-                                     LS_WIRE_STATUS, LS_WIRE_STATUS_SIZE, regs, diag);
-        status->host_after_ns = host_ns();
+            err = dome->link->ops->write_read(dome->link, LS_WIRE_CONTROL + LS_WIRE_CT_ACK, 2, ack,
+                                              LS_WIRE_STATUS, LS_WIRE_STATUS_SIZE, regs, diag);
     }
     if (!err)
         err = check_arm(dome, regs, diag);
     if (!err)
         ls_wire_decode_status(regs, status);
+    status->host_before_ns = dome->link->before_ns;
+    status->host_after_ns = dome->link->after_ns;
     return explain(dome, err, "reading status", diag);
 }
 
-static size_t take_events(struct dome *dome, const uint16_t *regs, struct ls_step_event *events,
-                          size_t room)
+/** The event due next: it is in the status block @regs, or the controller has sent it unasked. */
+static bool next_event(struct ls_dome *dome, const uint16_t *regs, struct ls_step_event *event)
 {
-    uint32_t first = ls_wire_get32(regs + LS_WIRE_ST_EVENT_FIRST);
-    size_t n = regs[LS_WIRE_ST_EVENT_COUNT];
-    if (n > LS_WIRE_EVENTS_PER_READ)
-        n = LS_WIRE_EVENTS_PER_READ;
-    if (n > room)
-        n = room;
-    for (size_t i = 0; i < n; i++)
-        ls_wire_decode_event(regs + LS_WIRE_ST_EVENTS + i * LS_WIRE_EVENT_SIZE, &events[i]);
-    if (n)
-        dome->next_event = first + (uint32_t)n;
-    return n;
+    uint16_t sent[LS_WIRE_EVENT_SIZE];
+    uint32_t at = dome->next_event - ls_wire_get32(regs + LS_WIRE_ST_EVENT_FIRST);
+    uint32_t n = regs[LS_WIRE_ST_EVENT_COUNT];
+    const struct ls_link_ops *ops = dome->link->ops;
+    if (at < n && at < LS_WIRE_EVENTS_PER_READ)
+        ls_wire_decode_event(regs + LS_WIRE_ST_EVENTS + at * LS_WIRE_EVENT_SIZE, event);
+    else if (dome->armed && ops->take_event &&
+             ops->take_event(dome->link, dome->arm, dome->next_event, sent))
+        ls_wire_decode_event(sent, event);
+    else
+        return false;
+    dome->next_event++;
+    return true;
 }
 
-static enum ls_err dome_poll(void *priv, struct ls_lights_status *status,
-                             struct ls_step_event *events, size_t max_events, size_t *n_events,
-                             struct ls_diag *diag)
+/** Overwritten before they were read, or another host's: go on with the first there is. */
+static void skip_lost(struct ls_dome *dome, const uint16_t *regs)
 {
-    struct dome *dome = priv;
+    uint32_t first = ls_wire_get32(regs + LS_WIRE_ST_EVENT_FIRST);
+    if (regs[LS_WIRE_ST_EVENT_COUNT] && (int32_t)(first - dome->next_event) > 0)
+        dome->next_event = first;
+}
+
+enum ls_err ls_dome_poll(struct ls_dome *dome, struct ls_lights_status *status,
+                         struct ls_step_event *events, size_t max_events, size_t *n_events,
+                         struct ls_diag *diag)
+{
     uint16_t regs[LS_WIRE_STATUS_SIZE];
-    size_t n = 0, got;
+    size_t n = 0, before;
+    uint32_t known;
     do {
         enum ls_err err = exchange(dome, regs, status, diag);
         if (err)
             return n ? LS_OK : err;
-        got = max_events ? take_events(dome, regs, events + n, max_events - n) : 0;
-        n += got;
+        before = n;
+        skip_lost(dome, regs);
+        while (n < max_events && next_event(dome, regs, &events[n]))
+            n++;
         *n_events = n;
-    } while (n < max_events && got && regs[LS_WIRE_ST_EVENT_PENDING] > got);
+        known = ls_wire_get32(regs + LS_WIRE_ST_EVENT_FIRST) + regs[LS_WIRE_ST_EVENT_PENDING];
+    } while (n < max_events && n > before && (int32_t)(known - dome->next_event) > 0);
     return LS_OK;
 }
 
-static enum ls_err dome_blank(void *priv, struct ls_diag *diag)
+enum ls_err ls_dome_blank(struct ls_dome *dome, struct ls_diag *diag)
 {
-    struct dome *dome = priv;
     uint16_t reg = LS_WIRE_BLANK;
     dome->armed = false;
     enum ls_err err = write_again(dome, LS_WIRE_CONTROL + LS_WIRE_CT_COMMAND, 1, &reg, diag);
     dome->ours = dome->ours && err;
     return err;
 }
-
-const struct ls_lights_ops ls_modbus_lights_ops = {
-    .name = "modbus",
-    .open = dome_open,
-    .load = dome_load,
-    .arm = dome_arm,
-    .grant = dome_grant,
-    .poll = dome_poll,
-    .blank = dome_blank,
-    .close = dome_close,
-};

@@ -1,0 +1,34 @@
+/*
+ * packet: event packets of the USB wire, checked, and the records in them, in order.
+ * Layer: drivers/usb. Threads: one at a time. Ownership: embedded; zero-initialise. RT-safe.
+ */
+#ifndef LS_DRIVERS_USB_PACKET_H
+#define LS_DRIVERS_USB_PACKET_H
+
+#include "drivers/lights_wire.h"
+
+#include <stdbool.h>
+#include <stddef.h>
+#include <stdint.h>
+
+enum { LS_EVENT_QUEUE = 512 };
+
+struct ls_event_queue {
+    struct {
+        uint32_t sequence;
+        uint16_t arm;
+        uint16_t record[LS_WIRE_EVENT_SIZE];
+    } entry[LS_EVENT_QUEUE];
+    uint32_t head, tail; /* [head, tail) are there; counted without end */
+    uint32_t damaged;    /* packets that were not what they should be */
+};
+
+/** Take the records of a packet of @n bytes. One that is malformed, or whose CRC is wrong, is
+ * counted and left out; what does not fit is left out. */
+void ls_event_queue_receive(struct ls_event_queue *queue, const uint8_t *bytes, size_t n);
+
+/** The record @sequence of arm @arm, if it is there. Older ones are forgotten. */
+bool ls_event_queue_take(struct ls_event_queue *queue, uint16_t arm, uint32_t sequence,
+                         uint16_t record[LS_WIRE_EVENT_SIZE]);
+
+#endif

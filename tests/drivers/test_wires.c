@@ -1,0 +1,229 @@
+/* What only one wire can suffer: late answers on a serial line; on USB packets that are lost or
+ * damaged, a stalled endpoint, a pulled plug. The rest is test_lights.c's, for all wires. */
+#include "drivers/lights.h"
+#include "drivers/usb/packet.h"
+#include "tests/drivers/dome_fixture.h"
+
+#include <glib.h>
+#include <string.h>
+
+enum { STEPS = 100 };
+
+static const struct ls_led led = {3, 1, 65535};
+static const struct ls_condition condition = {LS_CONDITION_ONE, 1, &led};
+
+static void must(enum ls_err err, const struct ls_diag *diag)
+{
+    if (err)
+        g_test_message("%s: %s", ls_err_name(err), diag->text);
+    g_assert_cmpint(err, ==, LS_OK);
+}
+
+static struct sim_controller_config with_fault(enum sim_controller_wire wire,
+                                               struct sim_controller_fault fault)
+{
+    struct sim_controller_config config = dome_small();
+    config.wire = wire;
+    config.n_faults = 1;
+    config.faults[0] = fault;
+    return config;
+}
+
+/** Fire STEPS steps of 1 ms and poll until every event is there, in order and once; 10 s. */
+static void fire(struct ls_lights *lights)
+{
+    struct ls_step steps[STEPS];
+    struct ls_step_event events[STEPS];
+    struct ls_lights_status status;
+    struct ls_diag diag = {0};
+    for (int i = 0; i < STEPS; i++)
+        steps[i] = (struct ls_step){.pulse_us = 100};
+    struct ls_program program = {&condition, 1, steps, STEPS, 1000};
+    must(ls_lights_load(lights, &program, NULL, &diag), &diag);
+    must(ls_lights_arm(lights, &diag), &diag);
+    must(ls_lights_grant(lights, STEPS, &diag), &diag);
+    gint64 limit = g_get_monotonic_time() + 10 * G_USEC_PER_SEC;
+    for (size_t n = 0, got; n < STEPS; n += got) {
+        must(ls_lights_poll(lights, &status, events + n, STEPS - n, &got, &diag), &diag);
+        g_assert_cmpint(g_get_monotonic_time(), <, limit);
+    }
+    for (uint32_t i = 0; i < STEPS; i++)
+        g_assert_cmpuint(events[i].step, ==, i);
+    g_assert_cmpuint(status.events_lost, ==, 0);
+}
+
+static void run_with(enum sim_controller_wire wire, struct sim_controller_fault fault)
+{
+    struct sim_controller_config config = with_fault(wire, fault);
+    struct dome dome = dome_start(&config);
+    struct ls_lights_config address = dome_address(&dome);
+    struct ls_lights *lights;
+    struct ls_diag diag = {0};
+    must(ls_lights_open(&address, &lights, &diag), &diag);
+    fire(lights);
+    ls_lights_close(lights);
+    dome_stop(&dome);
+}
+
+static void test_lost_packets(void)
+{
+    run_with(SIM_WIRE_USB, (struct sim_controller_fault){SIM_CONTROLLER_LOSE_PACKET, 10, 5, 0});
+}
+
+static void test_damaged_packets(void)
+{
+    run_with(SIM_WIRE_USB, (struct sim_controller_fault){SIM_CONTROLLER_DAMAGE_PACKET, 10, 5, 0});
+}
+
+static void test_halt(void)
+{
+    run_with(SIM_WIRE_USB, (struct sim_controller_fault){SIM_CONTROLLER_HALT, 20, 1, 0});
+}
+
+static void test_unplugged(void)
+{
+    struct sim_controller_config config =
+        with_fault(SIM_WIRE_USB, (struct sim_controller_fault){SIM_CONTROLLER_DISCONNECT, 0, 1, 0});
+    struct dome dome = dome_start(&config);
+    struct ls_lights_config address = dome_address(&dome);
+    struct ls_lights *lights;
+    struct ls_lights_status status;
+    struct ls_step step = {.pulse_us = 100};
+    struct ls_program program = {&condition, 1, &step, 1, 1000};
+    struct ls_diag diag = {0};
+    enum ls_err err;
+    size_t n;
+    address.timeout_ms = 100;
+    must(ls_lights_open(&address, &lights, &diag), &diag);
+    must(ls_lights_load(lights, &program, NULL, &diag), &diag);
+    must(ls_lights_arm(lights, &diag), &diag);
+    must(ls_lights_grant(lights, 1, &diag), &diag);
+    gint64 start;
+    do {
+        start = g_get_monotonic_time();
+        err = ls_lights_poll(lights, &status, NULL, 0, &n, &diag);
+    } while (!err);
+    g_assert_cmpint(err, ==, LS_ERR_GONE);
+    g_assert_nonnull(strstr(diag.text, "not plugged in"));
+    /* five timeouts at most, by the contract of lights.h, and scheduling */
+    g_assert_cmpint(g_get_monotonic_time() - start, <, 700000);
+    g_assert_cmpint(ls_lights_blank(lights, &diag), ==, LS_ERR_GONE);
+    ls_lights_close(lights);
+    dome_stop(&dome);
+}
+
+static void test_serial_number(void)
+{
+    struct sim_controller_config config = dome_small();
+    config.wire = SIM_WIRE_USB;
+    struct dome dome = dome_start(&config);
+    struct ls_lights_config address = dome_address(&dome);
+    struct ls_lights *lights;
+    struct ls_diag diag = {0};
+    address.timeout_ms = 50;
+    address.address = "LS-DOME-SIM-0002";
+    g_assert_cmpint(ls_lights_open(&address, &lights, &diag), ==, LS_ERR_GONE);
+    g_assert_nonnull(strstr(diag.text, "LS-DOME-SIM-0002"));
+    address.address = config.serial;
+    must(ls_lights_open(&address, &lights, &diag), &diag);
+    g_assert_cmpstr(ls_lights_info(lights)->serial, ==, config.serial);
+    ls_lights_close(lights);
+    dome_stop(&dome);
+}
+
+/** An answer that comes after its timeout must not pass for the answer to the next question:
+ * statuses would be old, and acknowledged events read twice. */
+static void test_late_answers(void)
+{
+    struct sim_controller_config config = with_fault(
+        SIM_WIRE_MODBUS_RTU, (struct sim_controller_fault){SIM_CONTROLLER_LATE, 10, 1, 150});
+    struct dome dome = dome_start(&config);
+    struct ls_lights_config address = dome_address(&dome);
+    struct ls_lights *lights;
+    struct ls_diag diag = {0};
+    address.timeout_ms = 100;
+    must(ls_lights_open(&address, &lights, &diag), &diag);
+    fire(lights);
+    ls_lights_close(lights);
+    dome_stop(&dome);
+}
+
+static void test_baud(void)
+{
+    struct ls_lights_config address = {
+        .driver = "modbus-rtu", .address = "/dev/null", .unit = 1, .baud = 12345};
+    struct ls_lights *lights;
+    struct ls_diag diag = {0};
+    g_assert_cmpint(ls_lights_open(&address, &lights, &diag), ==, LS_ERR_INVALID);
+    g_assert_nonnull(strstr(diag.text, "12345"));
+    address.baud = 9600;
+    address.timeout_ms = 100;
+    g_assert_cmpint(ls_lights_open(&address, &lights, &diag), ==, LS_ERR_INVALID);
+    g_assert_nonnull(strstr(diag.text, "at least"));
+    address.timeout_ms = 1000;
+    address.address = "/nonexistent";
+    g_assert_cmpint(ls_lights_open(&address, &lights, &diag), ==, LS_ERR_GONE);
+}
+
+static size_t packet_of(uint32_t first, uint16_t n, uint8_t *bytes)
+{
+    uint16_t regs[LS_WIRE_PACKET_MAX] = {
+        [LS_WIRE_PK_MAGIC] = LS_WIRE_PACKET_MAGIC, [LS_WIRE_PK_ARM] = 7, [LS_WIRE_PK_COUNT] = n};
+    size_t used = LS_WIRE_PK_HEADER + n * LS_WIRE_EVENT_SIZE;
+    ls_wire_put32(regs + LS_WIRE_PK_FIRST, first);
+    for (uint32_t i = 0; i < n; i++)
+        ls_wire_put32(regs + LS_WIRE_PK_HEADER + i * LS_WIRE_EVENT_SIZE, first + i);
+    ls_wire_put32(regs + used, ls_wire_crc32c(regs, used));
+    ls_wire_put_registers(regs, used + 2, bytes);
+    return 2 * (used + 2);
+}
+
+static void test_every_flipped_bit(void)
+{
+    static struct ls_event_queue queue;
+    uint8_t bytes[LS_WIRE_USB_PACKET_BYTES];
+    uint16_t record[LS_WIRE_EVENT_SIZE];
+    size_t n = packet_of(5, 3, bytes);
+    for (size_t bit = 0; bit < 8 * n; bit++) {
+        bytes[bit / 8] ^= (uint8_t)(1 << bit % 8);
+        ls_event_queue_receive(&queue, bytes, n);
+        bytes[bit / 8] ^= (uint8_t)(1 << bit % 8);
+    }
+    for (size_t shorter = 0; shorter < n; shorter++)
+        ls_event_queue_receive(&queue, bytes, shorter);
+    g_assert_cmpuint(queue.damaged, ==, 8 * n + n);
+    g_assert_cmpuint(queue.tail, ==, 0);
+    ls_event_queue_receive(&queue, bytes, n);
+    g_assert_false(ls_event_queue_take(&queue, 7, 4, record)); /* a gap: 4 is missing */
+    g_assert_true(ls_event_queue_take(&queue, 7, 6, record));  /* 5 came otherwise */
+    g_assert_cmpuint(ls_wire_get32(record), ==, 6);
+    g_assert_false(ls_event_queue_take(&queue, 8, 7, record)); /* of another arm */
+    g_assert_cmpuint(queue.head, ==, queue.tail);
+}
+
+static void test_full_queue(void)
+{
+    static struct ls_event_queue queue;
+    uint8_t bytes[LS_WIRE_USB_PACKET_BYTES];
+    uint16_t record[LS_WIRE_EVENT_SIZE];
+    for (uint32_t first = 0; first < 2 * LS_EVENT_QUEUE; first += LS_WIRE_PK_RECORDS)
+        ls_event_queue_receive(&queue, bytes, packet_of(first, LS_WIRE_PK_RECORDS, bytes));
+    for (uint32_t i = 0; i < LS_EVENT_QUEUE; i++)
+        g_assert_true(ls_event_queue_take(&queue, 7, i, record));
+    g_assert_false(ls_event_queue_take(&queue, 7, LS_EVENT_QUEUE, record));
+}
+
+int main(int argc, char **argv)
+{
+    g_test_init(&argc, &argv, NULL);
+    g_test_add_func("/wires/usb/lost-packets-lose-no-event", test_lost_packets);
+    g_test_add_func("/wires/usb/damaged-packets-lose-no-event", test_damaged_packets);
+    g_test_add_func("/wires/usb/a-stalled-endpoint-is-cleared", test_halt);
+    g_test_add_func("/wires/usb/a-pulled-plug-is-gone-in-bounds", test_unplugged);
+    g_test_add_func("/wires/usb/the-serial-number-chooses", test_serial_number);
+    g_test_add_func("/wires/usb/every-flipped-bit-of-a-packet-is-caught", test_every_flipped_bit);
+    g_test_add_func("/wires/usb/a-full-queue-keeps-what-came-first", test_full_queue);
+    g_test_add_func("/wires/rtu/a-late-answer-is-no-answer-to-the-next", test_late_answers);
+    g_test_add_func("/wires/rtu/rates-and-timeouts-that-cannot-work-are-refused", test_baud);
+    return g_test_run();
+}
