@@ -379,14 +379,14 @@ static enum ls_err solve_all(struct work *w, double reflectance)
     double rho[LS_DOCUMENT_CHANNELS * 3];
     float p[LS_DOCUMENT_CHANNELS][3];
     uint32_t order[LS_DOCUMENT_CHANNELS], n = 0;
-    enum ls_err err = LS_OK;
+    struct ls_shading_settled settled;
     order[n++] = w->white; /* white first */
     for (uint32_t c = 0; c < grey->n_channels; c++)
         if (c != w->white)
             order[n++] = c;
-    double chi2;
-    ls_shading_settle(grey->shading, grey->n_lights * grey->n_channels, &chi2,
-                      &grey->misplaced_deg);
+    enum ls_err err =
+        ls_shading_settle(grey->shading, grey->n_lights * grey->n_channels, &settled, diag_of(w));
+    grey->misplaced_deg = err ? 0 : settled.spread_deg;
     for (uint32_t k = 0; k < n && !err; k++)
         err = solve(w, order[k]);
     for (uint32_t k = 0; k < n && !err; k++)

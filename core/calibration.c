@@ -68,12 +68,18 @@ int ls_calibration_channel(const struct ls_calibration *c, const char *name)
     return -1;
 }
 
+bool ls_calibration_same_duty(double a, double b)
+{
+    return fabs(a - b) <= 1e-3 * fmax(a, b);
+}
+
 double ls_calibration_factor(const struct ls_calibration *c, uint32_t channel, const char *pattern,
                              double duty)
 {
     for (uint32_t i = 0; i < c->n_patterns; i++) {
         const struct ls_calibration_pattern *p = &c->patterns[i];
-        if (p->channel == channel && fabs(p->duty - duty) < 1e-4 && !strcmp(p->pattern, pattern))
+        if (p->channel == channel && ls_calibration_same_duty(p->duty, duty) &&
+            !strcmp(p->pattern, pattern))
             return p->factor;
     }
     return 0;

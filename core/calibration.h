@@ -188,19 +188,20 @@ LS_MUST_CHECK enum ls_err ls_calibration_write(const struct ls_calibration *cali
 /** Index of a channel by name, or -1. RT-safe. */
 int ls_calibration_channel(const struct ls_calibration *calibration, const char *name);
 
-/** Factor of a pattern at a nominal duty (within 1e-4), or 0 where none was calibrated.
- * RT-safe. */
+/** Do two nominal duties mean the same? Within a permille of the larger: a picture is scaled by
+ * factor / duty, so that much of the 0.5 % that factors are known to may be lost to a duty written
+ * with few digits; a duty is a level of 65535, so one that was read back differs by less. RT-safe.
+ */
+bool ls_calibration_same_duty(double a, double b);
+
+/** Factor of a pattern at a nominal duty, or 0 where none was calibrated. RT-safe. */
 double ls_calibration_factor(const struct ls_calibration *calibration, uint32_t channel,
                              const char *pattern, double duty);
 
-/**
- * The same, for whoever cannot go on without it. LS_ERR_NOT_FOUND: the take is *uncalibrated*;
- * the sentence names channel, pattern and duty, and the duties that were calibrated.
- */
-LS_MUST_CHECK enum ls_err ls_calibration_find_factor(const struct ls_calibration *calibration,
-                                                     uint32_t channel, const char *pattern,
-                                                     double duty, double *factor,
-                                                     struct ls_diag *diag);
+/** Say that a factor is not there, for whoever cannot go on without it: a sentence that names
+ * channel, pattern, duty, and the duties that were calibrated. Returns LS_ERR_NOT_FOUND. */
+enum ls_err ls_calibration_lacks_factor(const struct ls_calibration *calibration, uint32_t channel,
+                                        const char *pattern, double duty, struct ls_diag *diag);
 
 /** Add or replace the factor of (channel, pattern, duty). LS_ERR_INVALID (not finite, out of
  * range), LS_ERR_LIMIT, LS_ERR_NOMEM. */

@@ -17,23 +17,15 @@ static void list_duties(const struct ls_calibration *c, uint32_t channel, const 
     }
 }
 
-enum ls_err ls_calibration_find_factor(const struct ls_calibration *c, uint32_t channel,
-                                       const char *pattern, double duty, double *factor,
-                                       struct ls_diag *diag)
+enum ls_err ls_calibration_lacks_factor(const struct ls_calibration *c, uint32_t channel,
+                                        const char *pattern, double duty, struct ls_diag *diag)
 {
     char duties[160];
-    if (channel >= c->n_channels)
-        return ls_fail(diag, LS_ERR_NOT_FOUND, "calibration: channel %u: it has %u", channel,
-                       c->n_channels);
-    *factor = ls_calibration_factor(c, channel, pattern, duty);
-    if (*factor > 0)
-        return LS_OK;
     list_duties(c, channel, pattern, duties, sizeof duties);
-    return ls_fail(
-        diag, LS_ERR_NOT_FOUND,
-        "uncalibrated: the calibration holds no factor of channel %s, pattern %.15s at "
-        "duty %.5g (calibrated duties: %s); calibrate the rig with this pattern and duty",
-        c->channels[channel].name, pattern, duty, *duties ? duties : "none");
+    return ls_fail(diag, LS_ERR_NOT_FOUND,
+                   "the calibration holds no factor of channel %s, pattern %.15s at duty %.5g "
+                   "(calibrated duties: %s); measure it (lightstagectl calibrate) and take again",
+                   c->channels[channel].name, pattern, duty, *duties ? duties : "none");
 }
 
 enum ls_err ls_calibration_put_factor(struct ls_calibration *c,
@@ -46,7 +38,7 @@ enum ls_err ls_calibration_put_factor(struct ls_calibration *c,
                        p->channel, p->pattern, p->duty, p->factor, p->sigma);
     for (uint32_t i = 0; i < c->n_patterns; i++) {
         struct ls_calibration_pattern *old = &c->patterns[i];
-        if (old->channel == p->channel && fabs(old->duty - p->duty) < 1e-4 &&
+        if (old->channel == p->channel && ls_calibration_same_duty(old->duty, p->duty) &&
             !strcmp(old->pattern, p->pattern)) {
             *old = *p;
             return LS_OK;

@@ -36,6 +36,11 @@ static enum ls_err check_geometry(const struct ls_mirror_ball *ball, struct ls_d
                        "mirror ball: a disc of radius %g at (%g, %g): expected one of 2 pixels or "
                        "more inside the picture of %u x %u",
                        r, c[0], c[1], ball->width, ball->height);
+    if (r > LS_MIRROR_BALL_MAX_RADIUS_PX)
+        return ls_fail(diag, LS_ERR_LIMIT,
+                       "mirror ball: a disc of radius %g pixels: expected at most %d; reduce the "
+                       "picture",
+                       r, LS_MIRROR_BALL_MAX_RADIUS_PX);
     if (!(ball->blind_rad > 0 && ball->blind_rad <= M_PI_2))
         return ls_fail(diag, LS_ERR_INVALID,
                        "mirror ball: a blind cone of %g degrees: expected 0 to 90",

@@ -24,11 +24,14 @@
 #include <stdbool.h>
 #include <stdint.h>
 
+/** A map takes 79 radius_px^2 samples, whatever its size: the largest ball takes 3e8 of them. */
+enum { LS_MIRROR_BALL_MAX_RADIUS_PX = 2048 };
+
 /** A picture and where the ball is in it. Pixel (x, y) covers [x, x + 1) x [y, y + 1), y down. */
 struct ls_mirror_ball {
     const float *rgb; /* [height][width][3], linear radiance times reflectivity, camera-raw */
     uint32_t width, height;
-    double centre_px[2], radius_px; /* the disc must lie in the picture */
+    double centre_px[2], radius_px; /* radius 2 .. MAX; the disc must lie in the picture */
     double to_camera[3];            /* from the ball, stage frame, any length; not straight up */
     double reflectivity[3];         /* (0, 1], of red, green, blue */
     double blind_rad;               /* half-angle of the blind cone, (0, pi / 2] */
@@ -49,7 +52,8 @@ double ls_mirror_ball_blind(double radius_px, double pixels);
  * over parts small against texel and pixel of the picture, bilinearly interpolated; the sum over
  * the sphere is that over the disc (times 4 / radius_px^2) within 1 % for a single bright pixel,
  * 1e-3 for ordinary pictures, the blind cone aside. Errors: LS_ERR_INVALID (geometry, reflectivity,
- * sizes; a value of the disc that is not finite, with its place), LS_ERR_NOMEM.
+ * sizes; a value of the disc that is not finite, with its place), LS_ERR_LIMIT (a larger ball),
+ * LS_ERR_NOMEM.
  */
 LS_MUST_CHECK enum ls_err ls_mirror_ball_map(const struct ls_mirror_ball *ball, uint32_t width,
                                              uint32_t height, float *map, uint8_t *filled,

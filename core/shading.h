@@ -67,18 +67,24 @@ LS_MUST_CHECK enum ls_err ls_shading_fit(const struct ls_sphere_view *view,
 /** Two unit vectors across a unit direction, one across the other. RT-safe. */
 void ls_tangents(const double direction[3], double e1[3], double e2[3]);
 
+/** What ls_shading_settle found. */
+struct ls_shading_settled {
+    double chi2;       /* of the offsets per coordinate, from their median */
+    double spread_deg; /* by how much a coordinate is off beyond its error, likewise */
+    bool moved;        /* the fits were changed */
+};
+
 /**
  * Do the lights stand where the rig file says? A light 0.3 degrees off changes the strength one
  * camera finds by up to several percent, and no error estimate of a single picture knows. Over the
  * @n fits (all channels and cameras may be together) that see a third of the sphere lit and the
- * direction within 0.2 degrees: @chi2 of the offsets per coordinate, from their median;
- * @spread_deg, by how much a coordinate is off beyond its error, likewise. Where chi2 > 2 the
- * lights stand elsewhere, and each fit's strength and sigma become the free ones if it sees its
+ * direction within 0.2 degrees, @out judges the offsets (all 0 without such a fit). Where chi2 > 2
+ * the lights stand elsewhere, and each fit's strength and sigma become the free ones if it sees its
  * light's direction better than the spread; else its sigma grows by what that spread does to it.
- * Otherwise nothing changes, as fixed directions give the smaller errors. Returns whether they were
- * moved.
+ * Otherwise nothing changes, as fixed directions give the smaller errors. Errors: LS_ERR_NOMEM.
  */
-bool ls_shading_settle(struct ls_shading *fits, uint32_t n, double *chi2, double *spread_deg);
+LS_MUST_CHECK enum ls_err ls_shading_settle(struct ls_shading *fits, uint32_t n,
+                                            struct ls_shading_settled *out, struct ls_diag *diag);
 
 /**
  * Where the sphere really stands, seen from the shading under @n lights of known positions: the

@@ -23,8 +23,8 @@ static int tells(const struct ls_shading *s)
 }
 
 /* Squared offset over its error, and beyond it; medians over the fits that tell. */
-static uint32_t judge(const struct ls_shading *fits, uint32_t n, float *room, double *chi2,
-                      double *spread2)
+static void judge(const struct ls_shading *fits, uint32_t n, float *room, double *chi2,
+                  double *spread2)
 {
     uint32_t m = 0;
     float *beyond = room + n;
@@ -37,7 +37,6 @@ static uint32_t judge(const struct ls_shading *fits, uint32_t n, float *room, do
     }
     *chi2 = m ? (double)ls_median(room, m) / median_chi2 : 0;
     *spread2 = m ? fmax(0, (double)ls_median(beyond, m) / median_chi2) : 0;
-    return m;
 }
 
 static void settle(struct ls_shading *s, double spread2)
@@ -54,18 +53,17 @@ static void settle(struct ls_shading *s, double spread2)
     }
 }
 
-bool ls_shading_settle(struct ls_shading *fits, uint32_t n, double *chi2, double *spread_deg)
+enum ls_err ls_shading_settle(struct ls_shading *fits, uint32_t n, struct ls_shading_settled *out,
+                              struct ls_diag *diag)
 {
     LS_CLEANUP_FREE float *room = malloc((2 * (size_t)n + 1) * sizeof *room);
-    double spread2 = 0;
-    *chi2 = 0;
-    *spread_deg = 0;
-    if (!room || !judge(fits, n, room, chi2, &spread2))
-        return false;
-    *spread_deg = sqrt(spread2) / degree;
-    if (!(*chi2 > most_chi2) || !(spread2 > 0))
-        return false;
-    for (uint32_t k = 0; k < n; k++)
+    double spread2;
+    if (!room)
+        return ls_fail(diag, LS_ERR_NOMEM, "out of memory for the places of lights");
+    judge(fits, n, room, &out->chi2, &spread2);
+    out->spread_deg = sqrt(spread2) / degree;
+    out->moved = out->chi2 > most_chi2 && spread2 > 0;
+    for (uint32_t k = 0; k < n && out->moved; k++)
         settle(&fits[k], spread2);
-    return true;
+    return LS_OK;
 }

@@ -91,10 +91,8 @@ static enum ls_err need_sphere(const struct ls_field_source *source, uint32_t s,
     if (source->has_sphere[s])
         return LS_OK;
     if (ls_field_source_picture(source, source->channel_of[s], -1, NULL))
-        return ls_fail(diag, LS_ERR_STATE,
-                       "take %s is uncalibrated for the full sphere of %s: its calibration has no "
-                       "factor of pattern sphere at duty %.4f",
-                       source->take, name_of(source, s), source->duty[s]);
+        return ls_field_source_uncalibrated(source, "the full sphere", source->channel_of[s],
+                                            "sphere", source->duty[s], diag);
     if (ls_field_source_planned(source, LS_FACT_SPHERE, source->channel_of[s], -1))
         return ls_fail(diag, LS_ERR_STATE,
                        "take %s lacks the picture of the full sphere of %s; resume the take",

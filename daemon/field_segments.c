@@ -15,11 +15,8 @@ static const void *const *tiles_of(const struct ls_picture_map *map)
 static enum ls_err uncalibrated(const struct ls_field_source *source,
                                 const struct ls_condition_fact *fact, struct ls_diag *diag)
 {
-    return ls_fail(diag, LS_ERR_STATE,
-                   "take %s is uncalibrated for %s: its calibration has no factor of channel %s, "
-                   "pattern %s at duty %.4f; measure it (lightstagectl calibrate) and take again",
-                   source->take, fact->id, name_of(source, fact->channel), fact->pattern,
-                   fact->duty);
+    return ls_field_source_uncalibrated(source, fact->id, fact->channel, fact->pattern, fact->duty,
+                                        diag);
 }
 
 static enum ls_err missing(const struct ls_field_source *source,

@@ -61,6 +61,19 @@ double ls_field_source_factor(const struct ls_field_source *source,
     return ls_calibration_factor(cal, (uint32_t)channel, fact->pattern, fact->duty) / fact->duty;
 }
 
+enum ls_err ls_field_source_uncalibrated(const struct ls_field_source *source, const char *what,
+                                         uint32_t channel, const char *pattern, double duty,
+                                         struct ls_diag *diag)
+{
+    const struct ls_calibration *cal = source->facts->calibration;
+    const char *name = source->facts->channels[channel].name;
+    struct ls_diag lacks;
+    ls_calibration_lacks_factor(cal, (uint32_t)ls_calibration_channel(cal, name), pattern, duty,
+                                &lacks);
+    return ls_fail(diag, LS_ERR_STATE, "take %s is uncalibrated for %s of %s: %s", source->take,
+                   what, name, lacks.text);
+}
+
 /* ---- life ---- */
 
 static enum ls_err fill_field(struct ls_field_source *source, const struct ls_takedir *take,

@@ -109,6 +109,12 @@ bool ls_field_source_planned(const struct ls_field_source *source, enum ls_fact_
 double ls_field_source_factor(const struct ls_field_source *source,
                               const struct ls_condition_fact *fact);
 
+/** Say that the take's calibration has no factor of @pattern at @duty for a channel of its rig, so
+ * that @what of it cannot be used. Returns LS_ERR_STATE. */
+enum ls_err ls_field_source_uncalibrated(const struct ls_field_source *source, const char *what,
+                                         uint32_t channel, const char *pattern, double duty,
+                                         struct ls_diag *diag);
+
 /** Could every picture be read so far and, if @sizes, is every file still as long as it was? Ask
  * after each piece of work on the pictures and trust the work only then. LS_ERR_INVALID names the
  * file. Any thread. */

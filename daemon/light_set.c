@@ -83,11 +83,8 @@ enum ls_err ls_light_set_ready(const struct ls_field_source *source, const struc
                            source->take, found, group->n, name);
         for (uint32_t j = 0; j < group->order; j++)
             if (!(group->scale[j] > 0))
-                return ls_fail(diag, LS_ERR_STATE,
-                               "take %s is uncalibrated for the multiplexed pictures of %s: its "
-                               "calibration has no factor of channel %s, pattern multiplex at "
-                               "their duty; measure it (lightstagectl calibrate) and take again",
-                               source->take, name, name);
+                return ls_field_source_uncalibrated(source, "the multiplexed pictures",
+                                                    group->channel, "multiplex", group->duty, diag);
     }
     return LS_OK;
 }

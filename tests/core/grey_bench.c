@@ -154,7 +154,7 @@ static void lay_out(const struct grey_bench *b, struct grey_measured *m)
 void grey_measure(struct grey_bench *b, uint32_t channel, struct grey_measured *m)
 {
     struct ls_diag diag = {{0}};
-    double chi2, spread;
+    struct ls_shading_settled settled;
     uint32_t n = b->rig->n_lights, cameras = b->rig->options.n_cameras;
     uint32_t colours = b->view[0]->n_colours;
     measured_init(m, b);
@@ -166,8 +166,9 @@ void grey_measure(struct grey_bench *b, uint32_t channel, struct grey_measured *
         m->one_sided[i] =
             ls_gains_one_sided(position, (const double(*)[3])b->rig->camera_m, cameras);
     }
-    b->moved = ls_shading_settle(m->fits, n * cameras, &chi2, &spread);
-    g_test_message("lights stand %.3f degrees off, chi2 %.2f", spread, chi2);
+    g_assert_cmpint(ls_shading_settle(m->fits, n * cameras, &settled, NULL), ==, LS_OK);
+    b->moved = settled.moved;
+    g_test_message("lights stand %.3f degrees off, chi2 %.2f", settled.spread_deg, settled.chi2);
     lay_out(b, m);
     struct ls_gains_input in = {n, cameras, colours, m->strength, m->sigma, m->lit, m->one_sided};
     enum ls_err err = ls_gains_solve(&in, &m->gains, &diag);

@@ -310,24 +310,19 @@ static void test_uncalibrated(void)
 {
     struct ls_calibration *c = sample(3);
     struct ls_diag diag = {{0}};
-    double factor = 0;
-    g_assert_cmpint(ls_calibration_find_factor(c, 1, "sphere", 0.0111, &factor, &diag), ==, LS_OK);
-    g_assert_cmpfloat(factor, ==, 1.2118);
-    g_assert_cmpint(ls_calibration_find_factor(c, 1, "sphere", 0.02, &factor, &diag), ==,
-                    LS_ERR_NOT_FOUND);
-    g_assert_nonnull(strstr(diag.text, "uncalibrated: "));
+    g_assert_cmpfloat(ls_calibration_factor(c, 1, "sphere", 0.0111), ==, 1.2118);
+    g_assert_cmpfloat(ls_calibration_factor(c, 1, "sphere", 0.01115), ==, 0); /* 0.4 % off */
+    g_assert_cmpint(ls_calibration_lacks_factor(c, 1, "sphere", 0.02, &diag), ==, LS_ERR_NOT_FOUND);
     g_assert_nonnull(strstr(diag.text, "channel V, pattern sphere at duty 0.02"));
     g_assert_nonnull(strstr(diag.text, "0.011109"));
-    g_assert_cmpint(ls_calibration_find_factor(c, 0, "headlight", 0.5, &factor, &diag), ==,
-                    LS_ERR_NOT_FOUND);
+    ls_calibration_lacks_factor(c, 0, "headlight", 0.5, &diag);
     g_assert_nonnull(strstr(diag.text, "none"));
     struct ls_calibration_pattern p = {0, "headlight", 0.5, 1.01, 0.001};
     g_assert_cmpint(ls_calibration_put_factor(c, &p, &diag), ==, LS_OK);
     p.factor = 1.02;
     g_assert_cmpint(ls_calibration_put_factor(c, &p, &diag), ==, LS_OK);
     g_assert_cmpuint(c->n_patterns, ==, 2);
-    g_assert_cmpint(ls_calibration_find_factor(c, 0, "headlight", 0.5, &factor, &diag), ==, LS_OK);
-    g_assert_cmpfloat(factor, ==, 1.02);
+    g_assert_cmpfloat(ls_calibration_factor(c, 0, "headlight", 0.5), ==, 1.02);
     p.factor = NAN;
     g_assert_cmpint(ls_calibration_put_factor(c, &p, &diag), ==, LS_ERR_INVALID);
     g_assert_cmpint(ls_calibration_put_residual(c, "x", INFINITY, "", &diag), ==, LS_ERR_INVALID);

@@ -241,6 +241,12 @@ static void test_what_makes_no_sense_is_refused(void)
     g_assert_cmpint(ls_mirror_ball_map(&bad, 8, 4, map, NULL, NULL, NULL), ==, LS_ERR_INVALID);
     bad = good, bad.radius_px = NAN;
     g_assert_cmpint(ls_mirror_ball_map(&bad, 8, 4, map, NULL, NULL, NULL), ==, LS_ERR_INVALID);
+    bad = good, bad.width = bad.height = 40000; /* one texel of 3e10 samples */
+    bad.centre_px[0] = bad.centre_px[1] = bad.radius_px = 20000;
+    g_assert_cmpint(ls_mirror_ball_map(&bad, 1, 1, map, NULL, NULL, &diag), ==, LS_ERR_LIMIT);
+    g_assert_nonnull(strstr(diag.text, "reduce the picture"));
+    bad.centre_px[0] = bad.centre_px[1] = bad.radius_px = LS_MIRROR_BALL_MAX_RADIUS_PX + 1;
+    g_assert_cmpint(ls_mirror_ball_map(&bad, 8, 4, map, NULL, NULL, NULL), ==, LS_ERR_LIMIT);
     bad = good, bad.blind_rad = 2;
     g_assert_cmpint(ls_mirror_ball_map(&bad, 8, 4, map, NULL, NULL, NULL), ==, LS_ERR_INVALID);
     bad = good, bad.reflectivity[1] = 0;

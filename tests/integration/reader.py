@@ -49,7 +49,7 @@ def rebuild(folder, weights, x, y):
             sphere, = [c for c in plan if c["kind"] == "sphere" and c["channel"] == s]
             duty = sphere["level"] / 65535
             factor, = [f["factor"] for f in cal["pattern_factors"]
-                       if f["channel"] == s and abs(f["duty"] - duty) < 1e-4]
+                       if f["channel"] == s and abs(f["duty"] / duty - 1) <= 1e-3]
             f = sample(f"{folder}/cam0/{sphere['id']}.exr", x, y) * factor / duty
             ratio = f / np.sum(k["W"] * e / k[s])
         value += ratio * np.sum(np.array(w) * field)
