@@ -1,10 +1,12 @@
-/* dome_server: the simulated controller alone, for tests that drive it from another program. The
- * port is the first line of output; every pulse is a line "step condition width_us"; it ends with
- * its standard input. */
+/* dome_server [WIRE]: the simulated controller alone, for tests that drive it from another program,
+ * on Modbus TCP, or "modbus-rtu", "usb". The port, or the path of the line or testbed, is the first
+ * line of output; every pulse is a line "step condition width_us"; it ends with its standard input.
+ */
 #include "sim/controller.h"
 
 #include <stdio.h>
 #include <stdlib.h>
+#include <string.h>
 
 static void on_pulse(void *user, const struct sim_pulse *pulse)
 {
@@ -12,7 +14,7 @@ static void on_pulse(void *user, const struct sim_pulse *pulse)
     fflush(stdout);
 }
 
-int main(void)
+int main(int argc, char **argv)
 {
     struct sim_controller_config config;
     struct sim_controller_hooks hooks = {.pulse = on_pulse};
@@ -20,11 +22,16 @@ int main(void)
     struct ls_diag diag = {0};
     sim_controller_defaults(&config);
     config.heartbeat_ms = 60000;
+    if (argc > 1)
+        config.wire = strcmp(argv[1], "usb") ? SIM_WIRE_MODBUS_RTU : SIM_WIRE_USB;
     if (sim_controller_create(&config, &hooks, &controller, &diag)) {
         fprintf(stderr, "%s\n", diag.text);
         return EXIT_FAILURE;
     }
-    printf("%u\n", sim_controller_port(controller));
+    if (config.wire == SIM_WIRE_MODBUS)
+        printf("%u\n", sim_controller_port(controller));
+    else
+        printf("%s\n", sim_controller_path(controller));
     fflush(stdout);
     while (getchar() != EOF)
         ;
