@@ -18,17 +18,17 @@ PRELOAD = {"LD_PRELOAD": "libumockdev-preload.so.0"}
 def examples(readme, line):
     """Run every block in one namespace; the exit code counts those that printed something else."""
     text = open(readme, encoding="utf-8").read()
-    names, wrong = {"LINE": line}, 0
+    names, wrong, out = {"LINE": line}, 0, sys.stdout  # run() puts its own there
     blocks = re.findall(r"```pycon\n(.*?)```", text, re.S)
     runner = doctest.DocTestRunner(optionflags=doctest.REPORT_ONLY_FIRST_FAILURE)
     for number, block in enumerate(blocks, 1):
         test = doctest.DocTestParser().get_doctest(block, names, readme, readme, 0)
-        failed = runner.run(test, out=lambda said: print("# " + said.replace("\n", "\n# ")),
+        failed = runner.run(test, out=lambda said: out.write("# " + said.replace("\n", "\n# ")),
                             clear_globs=False).failed
         names = test.globs
         wrong += bool(failed)
         first = block.strip().split("\n")[0].lstrip("> ")
-        print("not ok" if failed else "ok", number, first.replace("#", ""), flush=True)
+        print("\nnot ok" if failed else "ok", number, first.replace("#", ""), flush=True)
     return wrong
 
 
