@@ -80,6 +80,21 @@ static void fill_patterns(struct ls_calibration *cal, bool spheres_only)
         }
 }
 
+/* What light i's coat keeps of vertical light. */
+static double kept(const struct full_take_options *options, int i)
+{
+    return options->polarisation ? 0.9 + 0.02 * (i % 5) : 0.9;
+}
+
+static void fill_polarisation(struct ls_calibration *cal, const struct full_take_options *options)
+{
+    g_assert_cmpint(ls_calibration_add_polarisation(cal, 1, NULL), ==, LS_OK);
+    for (int i = 0; i < FULL_LIGHTS; i++) {
+        cal->a_v[i] = (float)kept(options, i);
+        cal->a_h[i] = 1 - cal->a_v[i];
+    }
+}
+
 static const double white_p[3] = {0.8, 1, 0.7}, red_p[3] = {0.9, 0.3, 0.05};
 
 static struct ls_calibration *calibrate(struct full_take *take,
@@ -91,6 +106,8 @@ static struct ls_calibration *calibrate(struct full_take *take,
                     LS_OK);
     fill_lights(cal, take);
     fill_patterns(cal, options->sphere_factors_only);
+    if (options->polarisation)
+        fill_polarisation(cal, options);
     for (int c = 0; c < FULL_CHANNELS; c++) {
         g_strlcpy(cal->channels[c].name, names[c], sizeof cal->channels[c].name);
         cal->channels[c].polariser = c >= FULL_CV;
@@ -245,10 +262,12 @@ static double diffuse(int i, int p, bool red, int colour)
     return albedo * shade * tint;
 }
 
-static double coat(int i, int p, bool red, int colour)
+static double coat(const struct full_take_options *options, int i, int p, bool red, int colour)
 {
-    double d = hypot(p % FULL_W - 12.0 * i, p / FULL_W - 70.0);
-    return 0.2 * exp(-0.002 * d * d) * (red ? red_p[colour] : white_p[colour]);
+    double d = hypot(p % FULL_W - 12.0 * (i % 12), p / FULL_W - 70.0), bright = 0.2;
+    if (options->glint && i == FULL_GLINT && d < 8)
+        bright = 200;
+    return bright * exp(-0.002 * d * d) * (red ? red_p[colour] : white_p[colour]);
 }
 
 static int colour_at(int p, bool mono)
@@ -257,33 +276,34 @@ static int colour_at(int p, bool mono)
     return mono ? 1 : x % 2 + y % 2; /* RGGB */
 }
 
-static double reflected(int channel, int i, int p, bool mono)
+static double reflected(const struct full_take_options *options, int channel, int i, int p)
 {
-    int c = colour_at(p, mono);
+    int c = colour_at(p, options->mono);
     bool red = channel == FULL_CR;
     if (channel == FULL_CG)
-        return 0.5 * (diffuse(i, p, false, c) + coat(i, p, false, c)) *
+        return 0.5 * (diffuse(i, p, false, c) + coat(options, i, p, false, c)) *
                (0.9 + 0.2 * sin(0.03 * (p % FULL_W)));
     if (channel < FULL_CV)
-        return diffuse(i, p, red, c) + coat(i, p, red, c);
-    double kept = channel == FULL_CV ? 0.9 : 0.1; /* of what the coat mirrors */
-    return 0.5 * diffuse(i, p, false, c) + kept * coat(i, p, false, c);
+        return diffuse(i, p, red, c) + coat(options, i, p, red, c);
+    double share = channel == FULL_CV ? kept(options, i) : 1 - kept(options, i);
+    return 0.5 * diffuse(i, p, false, c) + share * coat(options, i, p, false, c);
 }
 
-static double lit(const struct full_take *take, int channel, int i, int p, bool mono)
+static double lit(const struct full_take *take, const struct full_take_options *options,
+                  int channel, int i, int p)
 {
-    return reflected(channel, i, p, mono) / take->k[channel][i];
+    return reflected(options, channel, i, p) / take->k[channel][i];
 }
 
-static void make_pixels(struct full_take *take, bool mono)
+static void make_pixels(struct full_take *take, const struct full_take_options *options)
 {
     for (int p = 0; p < FULL_PIXELS; p++) {
         double sphere[2] = {0}, segment[FULL_SEGMENTS] = {0}, head = 0;
         for (int i = 0; i < FULL_LIGHTS; i++) {
             for (int c = 0; c < FULL_CHANNELS; c++)
-                take->light[c][i][p] = as_half(lit(take, c, i, p, mono));
-            double red = lit(take, FULL_CR, i, p, mono);
-            sphere[0] += lit(take, FULL_CW, i, p, mono);
+                take->light[c][i][p] = as_half(lit(take, options, c, i, p));
+            double red = lit(take, options, FULL_CR, i, p);
+            sphere[0] += lit(take, options, FULL_CW, i, p);
             sphere[1] += red;
             segment[i % FULL_SEGMENTS] += red;
             head += i < FULL_HEAD ? red : 0;
@@ -297,7 +317,7 @@ static void make_pixels(struct full_take *take, bool mono)
 }
 
 /* The supply sags by so much per light beyond the first that rows have the factor on average. */
-static void make_rows(struct full_take *take, bool mono, float ambient)
+static void make_rows(struct full_take *take, const struct full_take_options *options)
 {
     const struct pattern *pattern = pattern_of("multiplex");
     double mean = FULL_LIGHTS * (FULL_ORDER + 1) / (2.0 * FULL_ORDER);
@@ -311,8 +331,9 @@ static void make_rows(struct full_take *take, bool mono, float ambient)
         for (int p = 0; p < FULL_PIXELS; p++) {
             double sum = 0;
             for (int i = 0; i < FULL_LIGHTS; i++)
-                sum += on[i] ? lit(take, FULL_CW, i, p, mono) : 0;
-            take->row[row][p] = as_half(sum * pattern->level / 65535.0 / droop + (double)ambient);
+                sum += on[i] ? lit(take, options, FULL_CW, i, p) : 0;
+            take->row[row][p] =
+                as_half(sum * pattern->level / 65535.0 / droop + (double)options->ambient);
         }
     }
 }
@@ -381,9 +402,9 @@ struct full_take *make_full_take(const struct full_take_options *options)
     take->calibration = calibrate(take, options);
     take->scale = take->calibration->scale / reference_s;
     char *json = take_json(take->calibration, options, ids);
-    make_pixels(take, options->mono);
+    make_pixels(take, options);
     if (options->multiplexed)
-        make_rows(take, options->mono, options->ambient);
+        make_rows(take, options);
     write_take(take, json, ids);
     free(json);
     g_ptr_array_unref(ids);

@@ -3,8 +3,8 @@
  * knows.
  * Layer: tests. Threads: one. Ownership: the fixture's; see free.
  *
- * Twelve lights; spectra W, R, G and polarisers V, H. W, V and H light by light (and G of a mono
- * camera); W and R as full spheres; R in three segments of four lights, and as a head light of
+ * Eighteen lights; spectra W, R, G and polarisers V, H. W, V and H light by light (and G of a mono
+ * camera); W and R as full spheres; R in three segments of six lights, and as a head light of
  * three. Light comes back diffuse, with a colour, and white from a coat; under R its diffuse part
  * depends on where the light stands, so that no model but the truth is right and each is wrong in
  * its own way.
@@ -17,18 +17,21 @@
 #include <glib.h>
 #include <stdbool.h>
 
-enum { FULL_W = 150, FULL_H = 140, FULL_LIGHTS = 12, FULL_PIXELS = FULL_W * FULL_H };
+enum { FULL_W = 150, FULL_H = 140, FULL_LIGHTS = 18, FULL_PIXELS = FULL_W * FULL_H };
 enum { FULL_CHANNELS = 5, FULL_SEGMENTS = 3, FULL_HEAD = 3 };
-enum { FULL_ORDER = 19, FULL_SPARES = FULL_ORDER - FULL_LIGHTS };
+enum { FULL_GLINT = 3 }; /* its middle at (12 FULL_GLINT, 70) */
+enum { FULL_ORDER = 19 };
 enum full_channel { FULL_CW, FULL_CR, FULL_CG, FULL_CV, FULL_CH };
 
 struct full_take_options {
     bool mono, mono_two; /* two: G light by light too */
     bool polarised_only; /* no W light by light */
+    bool polarisation;   /* calibrated: a light's a_V is what its coat keeps of it, 0.9 to 0.98 */
     bool sphere_factors_only;
     bool multiplexed; /* W by rows of the S-matrix, not light by light, under a supply that sags */
     float ambient;    /* that came after the darks: in every row */
     bool some_red;    /* R light by light too, of the head light's lights */
+    bool glint;       /* light FULL_GLINT mirrors itself to the camera, 30 times all others */
     int red_lights;   /* R light by light too: of lights 1, 3, 5 .. so many; FULL_LIGHTS = all */
 };
 

@@ -102,7 +102,7 @@ static void a_few_single_lights_check_the_fit(struct room *room, gconstpointer d
                 share += g[i] * (double)v[p * (size_t)colours + (size_t)c];
                 all += (double)sphere[p * (size_t)colours + (size_t)c];
             }
-            bool highlight = share > 16.0 / FULL_LIGHTS * all; /* never, of twelve lights */
+            bool highlight = share > 16.0 / FULL_LIGHTS * all;
             for (int c = 0; c < colours; c++) {
                 double truth = (double)f[p * (size_t)colours + (size_t)c];
                 double d = predict(way.map, v, p, c, i) - truth;
@@ -123,6 +123,12 @@ static void a_few_single_lights_check_the_fit(struct room *room, gconstpointer d
     g_assert_cmpfloat_with_epsilon(way.map->checked_error / expected, 1, 1e-3);
     g_assert_cmpfloat(expected, >, 1e-3);
     g_assert_cmpfloat(way.map->highlight_share, ==, pixels[1] / ((double)FULL_PIXELS * n));
+    g_assert_cmpint(pixels[1] > 0, ==, options->glint);
+    if (pixels[1] > 0) {
+        double of_highlights = sqrt(square[1] / total[1]);
+        g_test_message("on highlights by %.3f %%", 100 * of_highlights);
+        g_assert_cmpfloat_with_epsilon(way.map->highlight_error / of_highlights, 1, 1e-3);
+    }
 }
 
 static void the_report_says_what_was_checked(struct room *room, gconstpointer data)
@@ -133,6 +139,7 @@ static void the_report_says_what_was_checked(struct room *room, gconstpointer da
     g_assert_cmpuint(report.checked_lights, ==, 3);
     g_assert_cmpfloat(report.checked_error, ==, way.map->checked_error);
     g_assert_cmpfloat(report.highlight_share, ==, way.map->highlight_share);
+    g_assert_cmpfloat(report.highlight_error, ==, way.map->highlight_error);
     g_assert_cmpuint(report.segments, ==, FULL_SEGMENTS);
     g_assert_cmpfloat(report.left_out_error, >, 0);
     /* every fifth pixel of every fifth row */
@@ -278,11 +285,13 @@ int main(int argc, char **argv)
 {
     static const struct full_take_options few = {.red_lights = 3},
                                           all = {.red_lights = FULL_LIGHTS};
+    static const struct full_take_options glint = {.glint = true, .red_lights = 3};
     static const struct full_take_options mono = {.mono = true, .red_lights = 2};
     g_test_init(&argc, &argv, NULL);
     TEST("a-few-single-lights-check-the-fit", &few, a_few_single_lights_check_the_fit);
+    TEST("a-highlight-has-an-error-of-its-own", &glint, a_few_single_lights_check_the_fit);
     TEST("a-few-single-lights-check-a-blend", &mono, a_few_single_lights_check_the_fit);
-    TEST("the-report-says-what-was-checked", &few, the_report_says_what_was_checked);
+    TEST("the-report-says-what-was-checked", &glint, the_report_says_what_was_checked);
     TEST("a-spectrum-under-all-lights-is-not-fitted", &all,
          a_spectrum_under_all_lights_is_not_fitted);
     TEST("any-number-of-threads-gives-the-same-bits", &few,
