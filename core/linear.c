@@ -7,7 +7,7 @@
 void ls_linear_options_default(struct ls_linear_options *options)
 {
     *options = (struct ls_linear_options){.ridge = 1e-4,
-                                          .noise_ridge = 1,
+                                          .noise_ridge = 2,
                                           .row_floor = 1e-3,
                                           .row_noise = 0.02,
                                           .dielectric_weight = 1};
@@ -63,6 +63,9 @@ static enum ls_err check_shape(const struct ls_linear_pictures *p, uint32_t firs
     if (p->n_segments < 1 || p->n_segments > LS_LINEAR_MAX_SEGMENTS)
         return ls_fail(diag, LS_ERR_INVALID, "linear fit: %u segments: expected 1 to %d",
                        p->n_segments, LS_LINEAR_MAX_SEGMENTS);
+    if (p->n_lights < p->n_segments || p->n_lights > LS_LINEAR_MAX_LIGHTS)
+        return ls_fail(diag, LS_ERR_INVALID, "linear fit: %u lights: expected %u to %d",
+                       p->n_lights, p->n_segments, LS_LINEAR_MAX_LIGHTS);
     if (p->n_in < 1 || p->n_in > LS_LINEAR_MAX_INPUTS || (p->n_out != 1 && p->n_out != 3))
         return ls_fail(diag, LS_ERR_INVALID,
                        "linear fit: %u values to %u: expected 1 to %d values to 1 or 3", p->n_in,

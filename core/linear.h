@@ -13,7 +13,8 @@
  *
  * The fit. D is Eq. 1 on the sums over segments, F = sum F_g, V = sum V_g: the stable ratio of
  * core/promote.h, D[c][inputs[c]]. M = D + q Z, where Z minimises
- *     mean over g of w_g^2 |(D + Z) V_g - F_g|^2 + (d / P)^2 |(D + Z) p(0) - p(s)|^2 + lambda |Z|^2
+ *     mean over g of w_g^2 |(D + Z) V_g - F_g|^2 + (d / P)^2 |(D + Z) p(0) - p(s)|^2
+ *         + sum over inputs a of mu_a |(D + Z)_a|^2 + lambda |Z|^2
  *     subject to (D + Z) V = F
  *   w_g     1 / sqrt(b^2 + n^2 / row_noise^2): b the brightness of V_g (mean over inputs), at least
  *           row_floor of the mean segment's; n its noise and that of F_g (divided by the mean of
@@ -22,9 +23,14 @@
  *   d       dielectric_weight, P the mean of p(0): light mirrored by the coat of a dielectric has
  *           never met its colour, so p(0) must become p(s). One such row counts as much as all
  *           segments together
- *   lambda  ridge x mean of the diagonal of the normal matrix + noise_ridge x mean over g of
- *           w_g^2 n^2: towards Eq. 1 (Hoerl and Kennard, Technometrics 12, 1970), by as much as the
- *           rows are uncertain
+ *   mu      noise_ridge x mean over lights of the variance of v_a, in units of the mean light's
+ *           brightness: M is for pictures of single lights, which are sqrt(N / G) times noisier
+ *           than the rows it is fitted on. Columns that only tell apart what that noise hides would
+ *           amplify it, so what M makes of it is paid for: that of M and not of Z, because the sum
+ *           is held and Eq. 1, one channel for one channel, is not the quietest map that holds it.
+ *           Without noise nothing; the darker the pixel the more
+ *   lambda  ridge x mean of the diagonal of the normal matrix: towards Eq. 1 (Hoerl and Kennard,
+ *           Technometrics 12, 1970)
  *   q       smoothstep((V/sigma - 4) / 6) of V's least certain input: from 10 sigma on the full
  *           sphere is reproduced exactly, below M fades into Eq. 1, which itself fades into its
  *           neighbourhood
@@ -50,6 +56,7 @@ enum {
     LS_LINEAR_MAX_INPUTS = 6,
     LS_LINEAR_MAX_OUTPUTS = 3,
     LS_LINEAR_MAX_SEGMENTS = 1024,
+    LS_LINEAR_MAX_LIGHTS = 65536,
     LS_LINEAR_MAX_STEP = 65536,
     LS_LINEAR_HALO_PX = LS_PROMOTE_HALO_PX, /* pixels around a result that it may depend on */
 };
@@ -62,11 +69,11 @@ struct ls_linear_noise {
 /** Pictures of one spectrum over a band of rows: [height][width][n_in or n_out]. */
 struct ls_linear_pictures {
     uint32_t width, height;
-    uint32_t n_segments;
+    uint32_t n_segments, n_lights; /* of the dome, all segments together */
     uint32_t n_in, n_out;
     const float *const *v;                  /* [n_segments] -> [height][width][n_in] */
     const float *const *f;                  /* [n_segments] -> [height][width][n_out] */
-    const struct ls_linear_noise *v_noise;  /* [n_segments] */
+    const struct ls_linear_noise *v_noise;  /* [n_segments], of sums over single lights */
     const struct ls_linear_noise *f_noise;  /* [n_segments] */
     struct ls_linear_noise total_noise;     /* of the sum of all v */
     const double *p_in;                     /* [n_in], p of what each input photographed */
@@ -77,7 +84,7 @@ struct ls_linear_pictures {
 
 struct ls_linear_options {
     double ridge;             /* 1e-4 */
-    double noise_ridge;       /* 1 */
+    double noise_ridge;       /* 2 */
     double row_floor;         /* 1e-3 */
     double row_noise;         /* 0.02 */
     double dielectric_weight; /* 1; 0 = no such row */
@@ -85,17 +92,6 @@ struct ls_linear_options {
 
 /** The values beside the members. RT-safe. */
 void ls_linear_options_default(struct ls_linear_options *options);
-
-/**
- * M for rows [first_row, first_row + n_rows) of the band, out[n_rows][width][n_out][n_in]. The band
- * must carry LS_LINEAR_HALO_PX rows around them (fewer at the picture's border); the result then
- * does not depend on the band, to the bit. Allocates about
- * 4 (n_in + 2 n_out) floats per pixel of the band. Errors: LS_ERR_INVALID (sizes, numbers of p not
- * finite and positive, inputs, options), LS_ERR_NOMEM.
- */
-LS_MUST_CHECK enum ls_err ls_linear_fit(const struct ls_linear_pictures *pictures,
-                                        const struct ls_linear_options *options, uint32_t first_row,
-                                        uint32_t n_rows, float *out, struct ls_diag *diag);
 
 /**
  * out[n][n_out] = M v for n pixels: m[n][n_out][n_in], v[n][n_in]; float, inputs added in order.
@@ -108,9 +104,16 @@ void ls_linear_apply(const float *m, const float *v, size_t n, uint32_t n_in, ui
 struct ls_linear_error {
     double difference; /* of predicted - photographed */
     double noise;      /* what noise of both should contribute to difference */
+    double single;     /* what M makes of single lights' noise, as if segments were single lights */
     double total;      /* of photographed */
     uint64_t pixels;
 };
+
+/**
+ * sqrt((max(difference - noise, 0) + single) / total): relative RMS. 0 where nothing is added.
+ * RT-safe.
+ */
+double ls_linear_estimate(const struct ls_linear_error *error);
 
 /** A rectangle of the pictures, and what is wanted of it. */
 struct ls_linear_part {
@@ -120,40 +123,28 @@ struct ls_linear_part {
     uint32_t step;                 /* 0: nothing is left out; up to LS_LINEAR_MAX_STEP */
     uint32_t first_x, first_y;     /* of the part: the first pixel and row of every step-th */
     struct ls_linear_error *error; /* added to */
-    float *per_pixel;              /* [height][width], or NULL */
 };
 
 /**
- * ls_linear_fit and ls_linear_leave_one_out in one, of a rectangle that carries LS_LINEAR_HALO_PX
- * on all sides (less at the picture's border): the same bits for any split. Errors: theirs.
- */
-LS_MUST_CHECK enum ls_err ls_linear_fit_part(const struct ls_linear_pictures *pictures,
-                                             const struct ls_linear_options *options,
-                                             const struct ls_linear_part *part,
-                                             struct ls_diag *diag);
-
-/**
- * The error of M without truth: each segment is left out of the fit (its row and its part of the
- * sums), exactly, by a rank-one downdate, and predicted from the rest. Every @step-th pixel of
- * every
- * @step-th row of those given is taken. Adds to *error; @per_pixel [n_rows][width], where not NULL,
- * gets the relative error of each pixel taken (others are not touched).
+ * M of a rectangle, which must carry LS_LINEAR_HALO_PX on all sides (less at the picture's border):
+ * the result does not depend on the band or the split, to the bit. Allocates 2 n_in + 4 n_out
+ * floats per pixel of the band, beside what ls_promote_ratio takes. Errors: LS_ERR_INVALID (sizes,
+ * numbers of p not finite and positive, inputs, options), LS_ERR_NOMEM.
  *
- * sqrt(difference / total) estimates the relative RMS error of a single light's promoted picture,
- * as served, if segments were exposed as well as single lights: 0.75 to 0.95 of it on the simulated
- * still life in RGB, with and without noise and mosaic (tests/core/test_still_life.c).
- * sqrt(max(difference - noise, 0) / total) bounds that of M alone from above: there it is 0.8 times
- * it without noise, 1.8 times it with 1 %, because the fit without a segment knows less and because
- * noise beyond the model (highlights, which only short exposures see) stays in. Where M amplifies
- * noise, as for two like spectra on a mono camera, what it makes of a single light's noise is
- * missing: a segment has averaged it. One segment leaves nothing: LS_ERR_STATE. Other errors as
- * ls_linear_fit.
+ * With @step the error of M without truth: each segment is left out of the fit (its row and its
+ * part of the sums), exactly, by a rank-one downdate, and predicted from the rest, at every step-th
+ * pixel of every step-th row; pixels with a value that is not finite are left out. Without a
+ * segment two must be left, since one is not fitted: LS_ERR_STATE of fewer than 3.
+ *
+ * ls_linear_estimate of it estimates the relative RMS error of a single light's promoted picture as
+ * served: what the rest does not foresee of a segment, beyond its noise, and what M makes of a
+ * single light's noise. 0.8 to 1.4 of it on the simulated still life, at 0, 0.2, 0.8 and 3 % of
+ * noise, in RGB and of two or three spectra in mono (tests/core/test_still_life.c): a fit without a
+ * segment knows less, and a segment's lights, taken as alike, are not.
  */
-LS_MUST_CHECK enum ls_err ls_linear_leave_one_out(const struct ls_linear_pictures *pictures,
-                                                  const struct ls_linear_options *options,
-                                                  uint32_t first_row, uint32_t n_rows,
-                                                  uint32_t step, struct ls_linear_error *error,
-                                                  float *per_pixel, struct ls_diag *diag);
+LS_MUST_CHECK enum ls_err ls_linear_fit(const struct ls_linear_pictures *pictures,
+                                        const struct ls_linear_options *options,
+                                        const struct ls_linear_part *part, struct ls_diag *diag);
 
 /** A light that was also photographed alone in spectrum s: n pixels of it. */
 struct ls_linear_light {

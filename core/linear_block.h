@@ -31,7 +31,8 @@ struct ls_linear_sums {
 
 /** As struct ls_linear_error, of each pixel of a span. */
 struct ls_linear_pixel_errors {
-    double difference[LS_LINEAR_BLOCK], noise[LS_LINEAR_BLOCK], total[LS_LINEAR_BLOCK];
+    double difference[LS_LINEAR_BLOCK], noise[LS_LINEAR_BLOCK], single[LS_LINEAR_BLOCK],
+        total[LS_LINEAR_BLOCK];
 };
 
 struct ls_linear_kernels {
@@ -39,7 +40,7 @@ struct ls_linear_kernels {
     void (*fit)(const struct ls_linear_pictures *pictures, const struct ls_linear_options *options,
                 const struct ls_linear_sums *sums, const struct ls_linear_span *span, float *out);
     /** Every segment left out of the fit by a rank-one downdate, and predicted by the rest; of at
-     * least two. */
+     * least three. */
     void (*predict)(const struct ls_linear_pictures *pictures,
                     const struct ls_linear_options *options, const struct ls_linear_sums *sums,
                     const struct ls_linear_span *span, struct ls_linear_pixel_errors *errors);
@@ -61,11 +62,11 @@ LS_MUST_CHECK enum ls_err ls_linear_sums_init(const struct ls_linear_pictures *p
                                               struct ls_linear_sums *sums, struct ls_diag *diag);
 void ls_linear_sums_finish(struct ls_linear_sums *sums);
 
-/** ls_linear_fit_part with the kernels of a given instruction set (tests, benches). */
-LS_MUST_CHECK enum ls_err ls_linear_fit_part_with(const struct ls_linear_kernels *kernels,
-                                                  const struct ls_linear_pictures *pictures,
-                                                  const struct ls_linear_options *options,
-                                                  const struct ls_linear_part *part,
-                                                  struct ls_diag *diag);
+/** ls_linear_fit with the kernels of a given instruction set (tests, benches). */
+LS_MUST_CHECK enum ls_err ls_linear_fit_with(const struct ls_linear_kernels *kernels,
+                                             const struct ls_linear_pictures *pictures,
+                                             const struct ls_linear_options *options,
+                                             const struct ls_linear_part *part,
+                                             struct ls_diag *diag);
 
 #endif

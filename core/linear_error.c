@@ -10,6 +10,11 @@ static double sum_of(const float *v, uint32_t n)
     return sum;
 }
 
+double ls_linear_estimate(const struct ls_linear_error *e)
+{
+    return e->total > 0 ? sqrt((fmax(e->difference - e->noise, 0) + e->single) / e->total) : 0;
+}
+
 void ls_linear_check_light(const struct ls_linear_light *light, struct ls_linear_error *all,
                            struct ls_linear_error *highlights)
 {

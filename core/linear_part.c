@@ -35,22 +35,19 @@ static void fit_row(const struct work *w, uint32_t y)
     }
 }
 
-/* Pixel @x of row @y and every step-th on. */
-static void add_errors(const struct work *w, const struct ls_linear_span *span,
-                       const struct ls_linear_pixel_errors *e, uint32_t x, uint32_t y)
+static void add_errors(const struct ls_linear_span *span, const struct ls_linear_pixel_errors *e,
+                       struct ls_linear_error *sum)
 {
-    const struct ls_linear_part *part = w->part;
     for (uint32_t j = 0; j < span->n; j++) {
-        bool known = isfinite(e->difference[j]) && isfinite(e->noise[j]) && isfinite(e->total[j]);
-        if (part->per_pixel)
-            part->per_pixel[(size_t)y * part->width + x + j * part->step] =
-                known && e->total[j] > 0 ? (float)sqrt(e->difference[j] / e->total[j]) : 0;
+        bool known = isfinite(e->difference[j]) && isfinite(e->noise[j]) &&
+                     isfinite(e->single[j]) && isfinite(e->total[j]);
         if (!known)
             continue;
-        part->error->difference += e->difference[j];
-        part->error->noise += e->noise[j];
-        part->error->total += e->total[j];
-        part->error->pixels++;
+        sum->difference += e->difference[j];
+        sum->noise += e->noise[j];
+        sum->single += e->single[j];
+        sum->total += e->total[j];
+        sum->pixels++;
     }
 }
 
@@ -62,7 +59,7 @@ static void predict_row(const struct work *w, uint32_t y)
         uint32_t left = (part->width - x + part->step - 1) / part->step;
         struct ls_linear_span span = span_at(w, x, y, left, part->step);
         w->kernels->predict(w->pictures, w->options, &w->sums, &span, &errors);
-        add_errors(w, &span, &errors, x, y);
+        add_errors(&span, &errors, part->error);
     }
 }
 
@@ -72,18 +69,20 @@ static enum ls_err check(const struct ls_linear_pictures *p, const struct ls_lin
     if (!part->width || part->x >= p->width || part->width > p->width - part->x)
         return ls_fail(diag, LS_ERR_INVALID, "linear fit: columns %u + %u of %u px", part->x,
                        part->width, p->width);
-    if (part->step && p->n_segments == 1)
-        return ls_fail(diag, LS_ERR_STATE, "one segment: none can be predicted from the rest");
+    if (part->step && p->n_segments < 3)
+        return ls_fail(diag, LS_ERR_STATE,
+                       "%u segments: without one there is nothing to fit; expected 3 or more",
+                       p->n_segments);
     if (part->step > LS_LINEAR_MAX_STEP)
         return ls_fail(diag, LS_ERR_INVALID, "leave one out: step is %u: expected 1 to %d",
                        part->step, LS_LINEAR_MAX_STEP);
     return LS_OK;
 }
 
-enum ls_err ls_linear_fit_part_with(const struct ls_linear_kernels *kernels,
-                                    const struct ls_linear_pictures *pictures,
-                                    const struct ls_linear_options *options,
-                                    const struct ls_linear_part *part, struct ls_diag *diag)
+enum ls_err ls_linear_fit_with(const struct ls_linear_kernels *kernels,
+                               const struct ls_linear_pictures *pictures,
+                               const struct ls_linear_options *options,
+                               const struct ls_linear_part *part, struct ls_diag *diag)
 {
     struct work w = {kernels, pictures, options, part, {0}};
     enum ls_err err = check(pictures, part, diag);
@@ -97,34 +96,9 @@ enum ls_err ls_linear_fit_part_with(const struct ls_linear_kernels *kernels,
     return err;
 }
 
-enum ls_err ls_linear_fit_part(const struct ls_linear_pictures *pictures,
-                               const struct ls_linear_options *options,
-                               const struct ls_linear_part *part, struct ls_diag *diag)
-{
-    return ls_linear_fit_part_with(ls_linear_kernels(ls_cpu_isa()), pictures, options, part, diag);
-}
-
 enum ls_err ls_linear_fit(const struct ls_linear_pictures *pictures,
-                          const struct ls_linear_options *options, uint32_t first_row,
-                          uint32_t n_rows, float *out, struct ls_diag *diag)
+                          const struct ls_linear_options *options,
+                          const struct ls_linear_part *part, struct ls_diag *diag)
 {
-    const struct ls_linear_part part = {
-        .y = first_row, .width = pictures->width, .height = n_rows, .out = out};
-    return ls_linear_fit_part(pictures, options, &part, diag);
-}
-
-enum ls_err ls_linear_leave_one_out(const struct ls_linear_pictures *pictures,
-                                    const struct ls_linear_options *options, uint32_t first_row,
-                                    uint32_t n_rows, uint32_t step, struct ls_linear_error *error,
-                                    float *per_pixel, struct ls_diag *diag)
-{
-    const struct ls_linear_part part = {.y = first_row,
-                                        .width = pictures->width,
-                                        .height = n_rows,
-                                        .step = step,
-                                        .error = error,
-                                        .per_pixel = per_pixel};
-    if (step < 1)
-        return ls_fail(diag, LS_ERR_INVALID, "leave one out: step is 0: expected 1 or more");
-    return ls_linear_fit_part(pictures, options, &part, diag);
+    return ls_linear_fit_with(ls_linear_kernels(ls_cpu_isa()), pictures, options, part, diag);
 }

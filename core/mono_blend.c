@@ -57,6 +57,7 @@ static struct ls_linear_pictures as_linear(const struct ls_mono_blend_pictures *
     return (struct ls_linear_pictures){.width = p->width,
                                        .height = p->height,
                                        .n_segments = p->n_segments,
+                                       .n_lights = p->n_segments,
                                        .n_in = 1,
                                        .n_out = 1,
                                        .v = p->v,

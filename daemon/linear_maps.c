@@ -268,6 +268,7 @@ static enum ls_err fit_matrices(const struct pass *pass, const struct room *room
     const struct ls_linear_pictures pictures = {.width = padded->width,
                                                 .height = padded->height,
                                                 .n_segments = job->n_segments,
+                                                .n_lights = job->field->n_lights,
                                                 .n_in = pass->n_in,
                                                 .n_out = pass->colours,
                                                 .v = (const float *const *)room->v,
@@ -291,7 +292,7 @@ static enum ls_err fit_matrices(const struct pass *pass, const struct room *room
                                         .first_y = first_of_step(wanted->y),
                                         .error = error};
     ls_linear_options_default(&options);
-    return ls_linear_fit_part(&pictures, &options, &part, diag);
+    return ls_linear_fit(&pictures, &options, &part, diag);
 }
 
 static enum ls_err blend_ratios(const struct pass *pass, const struct room *room,

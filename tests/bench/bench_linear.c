@@ -45,6 +45,7 @@ static void setting_init(struct setting *s, const struct bench *bench)
     s->pictures = (struct ls_linear_pictures){.width = s->width,
                                               .height = s->height,
                                               .n_segments = SEGMENTS,
+                                              .n_lights = 346,
                                               .n_in = COLOURS,
                                               .n_out = COLOURS,
                                               .v = s->v,
@@ -81,16 +82,17 @@ static void fit(void *data)
 {
     struct setting *s = data;
     struct ls_diag diag = {""};
-    stop(ls_linear_fit(&s->pictures, &s->options, 0, s->height, s->m, &diag), &diag);
+    const struct ls_linear_part part = {.width = s->width, .height = s->height, .out = s->m};
+    stop(ls_linear_fit(&s->pictures, &s->options, &part, &diag), &diag);
 }
 
 static void leave_out(void *data)
 {
     struct setting *s = data;
     struct ls_diag diag = {""};
-    stop(ls_linear_leave_one_out(&s->pictures, &s->options, 0, s->height, STEP, &s->error, NULL,
-                                 &diag),
-         &diag);
+    const struct ls_linear_part part = {
+        .width = s->width, .height = s->height, .step = STEP, .error = &s->error};
+    stop(ls_linear_fit(&s->pictures, &s->options, &part, &diag), &diag);
 }
 
 static void print(const struct bench *bench, const struct setting *s, const char *name,

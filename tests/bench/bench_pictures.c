@@ -61,7 +61,7 @@ int main(int argc, char **argv)
     struct still_life_study study;
     struct still_life_row row[POINTS];
     bench_init(&bench, argc, argv);
-    still_life_load(&world, (uint32_t)bench_size(&bench, 64, 16), "RG");
+    still_life_load(&world, (uint32_t)bench_size(&bench, 64, 16), "RG", 0);
     still_life_study_init(&study, &world, true, false, true);
     for (int k = 0; k < POINTS; k++) {
         const struct point *at = &points[k];

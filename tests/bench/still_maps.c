@@ -88,6 +88,7 @@ void still_matrix(const struct still_take *take, uint32_t s, float *out)
     struct ls_linear_pictures pictures = {.width = take->side,
                                           .height = take->side,
                                           .n_segments = SEGMENTS,
+                                          .n_lights = LIGHTS,
                                           .n_in = 3,
                                           .n_out = 3,
                                           .v = (const float *const *)v,
@@ -120,7 +121,8 @@ void still_matrix(const struct still_take *take, uint32_t s, float *out)
             pictures.total_noise.shot = v_noise[g].shot;
     }
     ls_linear_options_default(&options);
-    must(ls_linear_fit(&pictures, &options, 0, take->side, out, &diag), &diag);
+    const struct ls_linear_part all = {.width = take->side, .height = take->side, .out = out};
+    must(ls_linear_fit(&pictures, &options, &all, &diag), &diag);
     for (int g = 0; g < SEGMENTS; g++) {
         free(v[g]);
         free(f[g]);

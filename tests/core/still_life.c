@@ -10,7 +10,7 @@
 enum { LIGHTS = STILL_LIFE_LIGHTS, SPECTRA = STILL_LIFE_SPECTRA, COLOURS = STILL_LIFE_COLOURS };
 enum { FRAMES = 2 };
 
-void still_life_load(struct still_life *w, uint32_t side, const char *cfa)
+void still_life_load(struct still_life *w, uint32_t side, const char *cfa, double blur_px)
 {
     struct ls_diag diag = {0};
     struct sim_scene_config config;
@@ -19,6 +19,7 @@ void still_life_load(struct still_life *w, uint32_t side, const char *cfa)
     sim_scene_config_default(&config);
     sim_view_config_default(&config.views[0], side, side);
     g_strlcpy(config.views[0].cfa, cfa, sizeof config.views[0].cfa);
+    config.views[0].blur_px = blur_px;
     config.n_channels = SPECTRA; /* W R A G C B */
     g_assert_cmpint(sim_scene_create(&config, &scene, &diag), ==, LS_OK);
     const struct sim_region region = {0, 0, 0, side, side};

@@ -33,15 +33,16 @@ struct still_life {
     double p[STILL_LIFE_SPECTRA][STILL_LIFE_COLOURS];
 };
 
-/** @side x @side pixels; @cfa: "RG", or "mono" for one colour. Takes 0.4 GB for 128 px in RGB. */
-void still_life_load(struct still_life *world, uint32_t side, const char *cfa);
+/** @side x @side pixels; @cfa: "RG", or "mono" for one colour; @blur_px: of the lens (sim/blur.h).
+ * Takes 0.4 GB for 128 px in RGB. */
+void still_life_load(struct still_life *world, uint32_t side, const char *cfa, double blur_px);
 void still_life_free(struct still_life *world);
 
 /** How a picture is taken. */
 struct still_life_camera {
     bool noise, mosaic; /* mosaic: photographed through RGGB and demosaiced */
     GRand *rand;
-    uint32_t frames; /* averaged in a picture; 0: two, 0.8 % noise on white */
+    double frames; /* averaged in a picture; 0: two, 0.8 % noise on white. 1/8: 3.2 % */
 };
 
 /** Full scales per unit of R at the longest exposure of a picture of @n_lights. */

@@ -123,6 +123,7 @@ static struct ls_linear_pictures linear_pictures(const struct still_life *w,
     return (struct ls_linear_pictures){.width = w->side,
                                        .height = w->side,
                                        .n_segments = p->n_segments,
+                                       .n_lights = LIGHTS,
                                        .n_in = p->n_in,
                                        .n_out = w->colours,
                                        .v = (const float *const *)p->v,
@@ -276,11 +277,12 @@ static void fit(const struct still_life_study *x, enum still_life_model model,
     struct ls_linear_pictures pictures = linear_pictures(w, &x->camera, p, s);
     struct ls_linear_options options;
     ls_linear_options_default(&options);
-    g_assert_cmpint(ls_linear_fit(&pictures, &options, 0, w->side, map, &diag), ==, LS_OK);
-    if (p->n_segments > 1)
-        g_assert_cmpint(ls_linear_leave_one_out(&pictures, &options, 0, w->side, 1, &row->left_out,
-                                                NULL, &diag),
-                        ==, LS_OK);
+    const struct ls_linear_part all = {.width = w->side,
+                                       .height = w->side,
+                                       .out = map,
+                                       .step = p->n_segments > 2,
+                                       .error = &row->left_out};
+    g_assert_cmpint(ls_linear_fit(&pictures, &options, &all, &diag), ==, LS_OK);
 }
 
 static void promote(const struct still_life_study *x, enum still_life_model model,

@@ -148,6 +148,7 @@ static float *matrices(const struct room *room)
     const struct ls_linear_pictures pictures = {.width = FULL_W,
                                                 .height = FULL_H,
                                                 .n_segments = FULL_SEGMENTS,
+                                                .n_lights = FULL_LIGHTS,
                                                 .n_in = 3,
                                                 .n_out = 3,
                                                 .v = (const float *const *)v,
@@ -162,7 +163,8 @@ static float *matrices(const struct room *room)
                                                 .demosaiced = true};
     struct ls_linear_options options;
     ls_linear_options_default(&options);
-    g_assert_cmpint(ls_linear_fit(&pictures, &options, 0, FULL_H, m, NULL), ==, LS_OK);
+    const struct ls_linear_part whole_part = {.width = FULL_W, .height = FULL_H, .out = m};
+    g_assert_cmpint(ls_linear_fit(&pictures, &options, &whole_part, NULL), ==, LS_OK);
     for (int q = 0; q < FULL_SEGMENTS; q++) {
         g_free(v[q]);
         g_free(f[q]);

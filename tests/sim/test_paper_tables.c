@@ -323,6 +323,7 @@ static void linear_colour(const struct stage *stage, const pictures *field, pict
         const struct ls_linear_pictures pictures_of = {.width = SAMPLES,
                                                        .height = 1,
                                                        .n_segments = SEGMENTS,
+                                                       .n_lights = LIGHTS,
                                                        .n_in = 3,
                                                        .n_out = 3,
                                                        .v = vs,
@@ -333,7 +334,8 @@ static void linear_colour(const struct stage *stage, const pictures *field, pict
                                                        .p_in = p_in,
                                                        .p_out = p_out,
                                                        .inputs = {0, 1, 2}};
-        ok(ls_linear_fit(&pictures_of, &options, 0, 1, m, &diag), &diag);
+        const struct ls_linear_part row = {.width = SAMPLES, .height = 1, .out = m};
+        ok(ls_linear_fit(&pictures_of, &options, &row, &diag), &diag);
         for (int i = 0; i < LIGHTS; i++)
             ls_linear_apply(m, &field[i][0][0][0], SAMPLES, 3, 3, &out[i][s][0][0]);
     }
