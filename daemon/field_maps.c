@@ -9,7 +9,6 @@
 #include "daemon/ratio_maps.h"
 #include "daemon/separated_maps.h"
 
-#include <math.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -422,22 +421,17 @@ static enum ls_err open_entry(struct fits *fits, uint32_t t, struct ls_diag *dia
     return err;
 }
 
-static double relative(const struct ls_linear_error *error)
-{
-    return error->total > 0 ? sqrt(fmax(error->difference, 0) / error->total) : 0;
-}
-
 static void note_errors(const struct ls_field_source *source, const struct ls_linear_target *target,
                         struct ls_field_map *map)
 {
     double pixels = (double)source->width * source->height;
     if (target->left_out.total > 0) {
-        map->left_out_error = relative(&target->left_out);
+        map->left_out_error = ls_linear_estimate(&target->left_out);
         map->left_out_share = (double)target->left_out.pixels / pixels;
     }
     map->n_checked = target->n_checks;
-    map->checked_error = relative(&target->checked);
-    map->highlight_error = relative(&target->highlights);
+    map->checked_error = ls_linear_estimate(&target->checked);
+    map->highlight_error = ls_linear_estimate(&target->highlights);
     if (target->n_checks > 0)
         map->highlight_share = (double)target->highlights.pixels / (pixels * target->n_checks);
 }

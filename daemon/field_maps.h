@@ -33,7 +33,8 @@ struct ls_field_map {
     uint32_t n_inputs;      /* 0: a blend of ratios */
     uint32_t inputs[6];     /* spectra of which each light was photographed; white first */
     double *phi;            /* blend: [n_lights][n_segments] */
-    double left_out_error;  /* relative RMS of segments predicted from the others; matrices only */
+    double left_out_error;  /* ls_linear_estimate of segments predicted from the others; matrices
+                               only */
     double left_out_share;  /* of the picture's pixels it rests on; 0 = no estimate */
     uint32_t n_checked;     /* lights photographed alone too, up to LS_LINEAR_MAX_CHECKS */
     double checked_error;   /* relative RMS of what the map makes of them, all pixels */

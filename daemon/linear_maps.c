@@ -287,7 +287,7 @@ static enum ls_err fit_matrices(const struct pass *pass, const struct room *room
                                         .height = wanted->height,
                                         .out = target->map + wanted->y * stride + wanted->x * size,
                                         .out_stride = stride,
-                                        .step = job->n_segments > 1 ? LS_LINEAR_ERROR_STEP : 0,
+                                        .step = job->n_segments > 2 ? LS_LINEAR_ERROR_STEP : 0,
                                         .first_x = first_of_step(wanted->x),
                                         .first_y = first_of_step(wanted->y),
                                         .error = error};

@@ -34,7 +34,7 @@ struct ls_linear_target {
     uint32_t n_checks, checks[LS_LINEAR_MAX_CHECKS];
     /* filled: */
     struct ls_linear_error left_out; /* every LS_LINEAR_ERROR_STEP-th pixel and row of the picture;
-                                        matrices of at least two segments */
+                                        matrices of at least three segments */
     struct ls_linear_error checked, highlights; /* ls_linear_check_light, every pixel */
 };
 
