@@ -2,10 +2,10 @@
 
 #include "core/half.h"
 #include "core/promote.h"
-#include "core/relight.h"
 #include "daemon/light_set.h"
 #include "daemon/picture_region.h"
 #include "daemon/render.h"
+#include "daemon/rgb_band.h"
 #include "proto/frame.h"
 #include "proto/message.h"
 
@@ -49,6 +49,14 @@ static bool promoted(const struct fetch_job *self)
 {
     return self->way.kind != LS_WAY_PHOTOGRAPHED ||
            (self->way.set && ls_light_set_is_summed(self->way.set));
+}
+
+/* Is a promoted light one picture times a ratio, for halves to hold? Floats, and all other ways,
+ * are rendered. */
+static bool promoted_as_halves(const struct fetch_job *self)
+{
+    return self->half && self->rgb && self->way.kind == LS_WAY_RATIO &&
+           !ls_light_set_is_summed(self->way.set);
 }
 
 /* A way without a set needs the pictures of all lights, and has them. */
@@ -167,20 +175,6 @@ static enum ls_err light_picture(const struct fetch_job *self, struct picture *o
     return LS_OK;
 }
 
-static enum ls_err make_rgb(const struct fetch_job *self, const struct picture *picture,
-                            struct ls_demosaic_region band, float *out, struct ls_diag *diag)
-{
-    struct ls_demosaic_region w =
-        ls_demosaic_needs(band, self->source->width, self->source->height);
-    float *mosaic = malloc((size_t)w.width * w.height * sizeof(float));
-    if (!mosaic)
-        return ls_fail(diag, LS_ERR_NOMEM, "out of memory");
-    ls_picture_map_read(picture->map, w.x, w.y, w.width, w.height, (float)picture->gain, mosaic);
-    enum ls_err err = ls_relight_demosaic(&self->source->field, mosaic, w, band, out);
-    free(mosaic);
-    return err;
-}
-
 /* ---- promoted ---- */
 
 static enum ls_err open_render(struct fetch_job *self, struct ls_diag *diag)
@@ -235,27 +229,40 @@ static enum ls_err halve(struct ls_chunk *chunk, size_t n, struct ls_diag *diag)
     return LS_OK;
 }
 
-/* Values of a photographed band as they go over the wire. */
+/* One component per pixel, gained. */
+static enum ls_err read_mosaic(const struct fetch_job *self, const struct picture *picture,
+                               struct ls_demosaic_region r, struct ls_chunk *chunk,
+                               struct ls_diag *diag)
+{
+    if (self->half && self->estimate) {
+        ls_picture_map_read_half(picture->map, r.x, r.y, r.width, r.height,
+                                 (uint16_t *)(void *)chunk->payload);
+        return LS_OK;
+    }
+    ls_picture_map_read(picture->map, r.x, r.y, r.width, r.height, (float)picture->gain,
+                        (float *)(void *)chunk->payload);
+    return self->half ? halve(chunk, (size_t)r.width * r.height, diag) : LS_OK;
+}
+
+/* Values of a band of one picture as they go over the wire. */
 static enum ls_err make_payload(const struct fetch_job *self, const struct picture *picture,
-                                struct ls_demosaic_region band, uint32_t components,
+                                struct ls_demosaic_region r, uint32_t components,
                                 struct ls_chunk *chunk, struct ls_diag *diag)
 {
-    size_t n = (size_t)band.width * band.height * components;
-    bool exact = self->half && !self->rgb && self->estimate;
-    float *values = malloc(n * sizeof(float));
-    enum ls_err err = LS_OK;
-    if (!values)
+    const struct ls_field_map *map = self->way.map;
+    struct ls_rgb_band band = {
+        .field = &self->source->field, .map = picture->map, .region = r, .gain = picture->gain};
+    chunk->payload = malloc((size_t)r.width * r.height * components * sizeof(float));
+    if (!chunk->payload)
         return ls_fail(diag, LS_ERR_NOMEM, "out of memory");
-    chunk->payload = (uint8_t *)values;
-    if (exact)
-        ls_picture_map_read_half(picture->map, band.x, band.y, band.width, band.height,
-                                 (uint16_t *)values);
-    else if (self->rgb)
-        err = make_rgb(self, picture, band, values, diag);
-    else
-        ls_picture_map_read(picture->map, band.x, band.y, band.width, band.height,
-                            (float)picture->gain, values);
-    return err || exact || !self->half ? err : halve(chunk, n, diag);
+    if (!self->rgb)
+        return read_mosaic(self, picture, r, chunk, diag);
+    if (promoted_as_halves(self)) {
+        band.ratio = map->values + ((size_t)r.y * self->source->width + r.x) * map->depth;
+        band.ratio_stride = (size_t)self->source->width * map->depth;
+    }
+    return self->half ? ls_rgb_band_halves(&band, (uint16_t *)(void *)chunk->payload, diag)
+                      : ls_rgb_band_floats(&band, (float *)(void *)chunk->payload, diag);
 }
 
 static void describe(const struct fetch_job *self, const struct picture *picture,
@@ -275,9 +282,9 @@ static void describe(const struct fetch_job *self, const struct picture *picture
     body->calibrated = self->source->calibrated;
 }
 
-static enum ls_err photographed_band(struct fetch_job *self, const struct picture *picture,
-                                     struct ls_demosaic_region *band, uint32_t components,
-                                     struct ls_chunk *chunk, struct ls_diag *diag)
+static enum ls_err picture_band(struct fetch_job *self, const struct picture *picture,
+                                struct ls_demosaic_region *band, uint32_t components,
+                                struct ls_chunk *chunk, struct ls_diag *diag)
 {
     uint32_t left = self->region.height - self->row;
     *band = (struct ls_demosaic_region){self->region.x, self->region.y + self->row,
@@ -316,8 +323,9 @@ static enum ls_err make_band(struct fetch_job *self, struct ls_chunk *chunk, boo
     enum ls_err err = self->full_sphere ? sphere_picture(self, &picture, diag)
                                         : light_picture(self, &picture, diag);
     if (!err)
-        err = promoted(self) ? promoted_band(self, &band, components, chunk, diag)
-                             : photographed_band(self, &picture, &band, components, chunk, diag);
+        err = promoted(self) && !promoted_as_halves(self)
+                  ? promoted_band(self, &band, components, chunk, diag)
+                  : picture_band(self, &picture, &band, components, chunk, diag);
     if (err)
         return err;
     describe(self, &picture, band, components, &body);
