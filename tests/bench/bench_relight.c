@@ -3,6 +3,7 @@
 #include "core/half.h"
 #include "tests/bench/references.h"
 #include "tests/bench/relight.h"
+#include "tests/bench/served.h"
 #include "tests/bench/take.h"
 
 #include <cblas.h>
@@ -219,12 +220,44 @@ static double error_of_sums(const struct setting *s)
     return worst;
 }
 
+/* The daemon's picture, under the weights of @picture, must be what the bench's own loop makes of
+ * its ratios: the same bits. */
+static void check_relit(const struct setting *s, const struct bench_relit *relit,
+                        const struct bench_relight *picture)
+{
+    struct bench_relight again = *picture;
+    struct bench_relit kept = *relit;
+    size_t n = s->pixels * 3, k = 0;
+    kept.out = bench_alloc(n * sizeof *kept.out);
+    bench_relit(&kept);
+    for (uint32_t q = 1; q < SPECTRA; q++)
+        again.ratio[q] = bench_served_ratio(relit->served, q);
+    bench_relight(&again);
+    while (k < n && kept.out[k] == again.out[k])
+        k++;
+    if (k < n) {
+        fprintf(stderr, "the daemon's picture differs at value %zu: %g, not %g\n", k,
+                (double)kept.out[k], (double)again.out[k]);
+        exit(1);
+    }
+    free(kept.out);
+}
+
 static void one(const struct setting *s)
 {
     struct bench_relight picture = relight_of(s), sums = picture, linear = picture;
     struct reference_fma fma = {ls_cpu_isa(), THREADS, bench_size(s->bench, 1u << 22, 1u << 10), 0,
                                 0};
     struct plain plain;
+    const uint32_t lights = s->take->n_lights;
+    double *weights = bench_alloc(sizeof *weights * SPECTRA * lights);
+    float *gained = bench_alloc(sizeof *gained * SPECTRA * lights);
+    struct bench_relit relit = {bench_served_create(s->take), THREADS, weights, NULL};
+    for (uint32_t k = 0; k < SPECTRA * lights; k++)
+        weights[k] = (double)s->weights[k];
+    for (uint32_t q = 0; q < SPECTRA; q++)
+        ls_relight_row(s->take->k, weights + q * lights, lights, gained + q * lights);
+    picture.weights = gained;
     plain_init(&plain, s);
     sums.out = NULL;
     for (uint32_t q = 1; q < SPECTRA; q++) {
@@ -239,11 +272,15 @@ static void one(const struct setting *s)
         {.name = "six sums", .run = bench_relight, .data = &sums},
         {.name = "a picture", .run = bench_relight, .data = &picture},
         {.name = "a picture by matrices", .run = bench_relight, .data = &linear},
-        {.name = "plainly, 1/16", .run = plain_sixteenth, .data = &plain}};
-    bench_time(s->bench, tasks, 6);
+        {.name = "plainly, 1/16", .run = plain_sixteenth, .data = &plain},
+        {.name = "a picture by the daemon", .run = bench_relit, .data = &relit}};
+    bench_time(s->bench, tasks, 7);
+    check_relit(s, &relit, &picture);
     double limit = roofline_s(s, SPECTRA, 1, &tasks[0], &tasks[1], fma.done);
     double error = error_of_sums(s);
     print(s, "relight_one", &tasks[3], error, "roofline of reading and multiply-adds", limit, 0.6);
+    print(s, "relight_daemon", &tasks[6], error, "roofline of reading and multiply-adds", limit,
+          0.6);
     print(s, "relight_one_sums", &tasks[2], error, "roofline of reading and multiply-adds", limit,
           NAN);
     print(s, "relight_one_plainly", &tasks[3], error, "materialise + sgemm, 1/16 scaled",
@@ -271,6 +308,9 @@ static void one(const struct setting *s)
                                             .wanted = 1,
                                             .at_most = true});
     plain_finish(&plain);
+    bench_served_destroy(relit.served);
+    free(weights);
+    free(gained);
 }
 
 /* A quarter of the picture: enough to leave the caches. */
