@@ -10,6 +10,12 @@
  *
  * Harmonics. Real, orthonormal over the sphere in steradians, number l l + l + m: sine terms for
  * m < 0, no Condon-Shortley sign, y up: the axis of m = 0 is +y, the azimuth runs from +z to +x.
+ *
+ * Accuracy: matrices are whole numbers. Products of harmonics integrate to 0 and 1 within 2e-6, and
+ * the lowest are within 1e-7 of their formulas: directions are floats. Weights give Y back within
+ * 1e-14 (1 + peak), gradients are exact to 1e-15. A coefficient is off from
+ * the sum it stands for by at most 2.4e-7 x 4 pi / n x peak x the picture of all lights: pictures
+ * are floats.
  */
 #ifndef LS_CORE_BASES_H
 #define LS_CORE_BASES_H

@@ -1,9 +1,12 @@
 #include "core/captured.h"
 
-#include <jansson.h>
+#include "core/json_document.h"
+
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
+
+static const char document[] = "probe";
 
 void ls_captured_destroy(struct ls_captured *probe)
 {
@@ -33,31 +36,6 @@ static enum ls_err expected(struct ls_diag *diag, const char *key, const char *w
     return ls_fail(diag, LS_ERR_INVALID, "probe: \"%s\": expected %s", key, what);
 }
 
-static enum ls_err numbers(const json_t *object, const char *key, size_t n, double *out,
-                           struct ls_diag *diag)
-{
-    const json_t *array = json_object_get(object, key);
-    if (!json_is_array(array) || json_array_size(array) != n)
-        return ls_fail(diag, LS_ERR_INVALID, "probe: \"%s\": expected %zu numbers", key, n);
-    for (size_t k = 0; k < n; k++) {
-        const json_t *item = json_array_get(array, k);
-        out[k] = json_number_value(item);
-        if (!json_is_number(item) || !isfinite(out[k]))
-            return ls_fail(diag, LS_ERR_INVALID, "probe: \"%s\": expected %zu numbers", key, n);
-    }
-    return LS_OK;
-}
-
-static enum ls_err unit(double d[3], const char *key, struct ls_diag *diag)
-{
-    double length = sqrt(d[0] * d[0] + d[1] * d[1] + d[2] * d[2]);
-    if (!(length > 1e-100 && length < 1e100))
-        return expected(diag, key, "a direction");
-    for (int k = 0; k < 3; k++)
-        d[k] /= length;
-    return LS_OK;
-}
-
 static enum ls_err parse_polariser(const json_t *ball, struct ls_captured *probe,
                                    struct ls_diag *diag)
 {
@@ -78,7 +56,7 @@ static enum ls_err parse_optional(const json_t *ball, struct ls_captured *probe,
     probe->has_reflectivity = json_object_get(ball, "reflectivity") != NULL;
     probe->has_blind = json_object_get(ball, "blind_deg") != NULL;
     if (probe->has_reflectivity)
-        err = numbers(ball, "reflectivity", 3, probe->reflectivity, diag);
+        err = ls_json_numbers(document, ball, "reflectivity", 3, probe->reflectivity, diag);
     for (int c = 0; !err && probe->has_reflectivity && c < 3; c++)
         if (!(probe->reflectivity[c] > 0 && probe->reflectivity[c] <= 1))
             err = expected(diag, "reflectivity", "numbers above 0, up to 1");
@@ -100,11 +78,9 @@ static enum ls_err parse_ball(const json_t *root, struct ls_captured *probe, str
     probe->radius_px = json_number_value(json_object_get(ball, "radius_px"));
     if (!(probe->radius_px > 0))
         return expected(diag, "radius_px", "a number > 0");
-    enum ls_err err = numbers(ball, "centre_px", 2, probe->centre_px, diag);
+    enum ls_err err = ls_json_numbers(document, ball, "centre_px", 2, probe->centre_px, diag);
     if (!err)
-        err = numbers(ball, "camera_direction", 3, probe->camera_direction, diag);
-    if (!err)
-        err = unit(probe->camera_direction, "camera_direction", diag);
+        err = ls_json_unit(document, ball, "camera_direction", probe->camera_direction, diag);
     if (!err)
         err = parse_polariser(ball, probe, diag);
     if (!err)
@@ -166,9 +142,7 @@ static enum ls_err parse_chart(const json_t *chart, const struct ls_captured *pr
     out->saturated = calloc(probe->n_patches, sizeof *out->saturated);
     if (!out->rgb || !out->saturated)
         return ls_fail(diag, LS_ERR_NOMEM, "probe: out of memory");
-    enum ls_err err = numbers(chart, "normal", 3, out->normal, diag);
-    if (!err)
-        err = unit(out->normal, "normal", diag);
+    enum ls_err err = ls_json_unit(document, chart, "normal", out->normal, diag);
     if (!err && (!json_is_array(rgb) || json_array_size(rgb) != probe->n_patches))
         return ls_fail(diag, LS_ERR_INVALID, "probe: \"rgb\": expected %zu patches, as elsewhere",
                        probe->n_patches);
@@ -219,26 +193,15 @@ static enum ls_err parse_charts(const json_t *root, struct ls_captured *probe, s
 enum ls_err ls_captured_parse_json(const char *text, size_t bytes, struct ls_captured **out,
                                    struct ls_diag *diag)
 {
-    json_error_t where;
+    __attribute__((cleanup(decref))) json_t *root = NULL;
     *out = NULL;
-    if (bytes > LS_CAPTURED_MAX_BYTES)
-        return ls_fail(diag, LS_ERR_LIMIT, "probe: %zu bytes: expected at most %d", bytes,
-                       LS_CAPTURED_MAX_BYTES);
-    __attribute__((cleanup(decref))) json_t *root =
-        json_loadb(text, bytes, JSON_REJECT_DUPLICATES, &where);
-    if (!root)
-        return ls_fail(diag, LS_ERR_INVALID, "probe: line %d, column %d: %s", where.line,
-                       where.column, where.text);
-    const json_t *format = json_object_get(root, "format");
-    if (!json_is_integer(format))
-        return ls_fail(diag, LS_ERR_INVALID, "probe: expected an object with \"format\": 1");
-    if (json_integer_value(format) != 1)
-        return ls_fail(diag, LS_ERR_UNSUPPORTED, "probe: format %lld: expected 1",
-                       (long long)json_integer_value(format));
+    enum ls_err err = ls_json_document(document, text, bytes, LS_CAPTURED_MAX_BYTES, &root, diag);
+    if (err)
+        return err;
     __attribute__((cleanup(destroy_probe))) struct ls_captured *probe = calloc(1, sizeof *probe);
     if (!probe)
         return ls_fail(diag, LS_ERR_NOMEM, "probe: out of memory");
-    enum ls_err err = parse_ball(root, probe, diag);
+    err = parse_ball(root, probe, diag);
     if (!err)
         err = parse_charts(root, probe, diag);
     if (err)

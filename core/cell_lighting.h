@@ -6,6 +6,12 @@
  * An RGB does not determine six strengths: it is taken to be the smoothest non-negative spectrum
  * that reproduces it (core/spectrum.h). A spectral lobe brings its own. Strengths come in the unit
  * of the cells: radiance x sr in, weights in sr out (core/lighting.h).
+ *
+ * Accuracy: of lobes, every strength is within 1e-11 of what its cell gives alone, by integrals of
+ * the mixed light (charts of a condition below 1e3); an LED's own light gives 1 of that LED. Of
+ * maps, strengths follow a cell's brightness within 1e-7, as the smoothest spectrum ends its rounds
+ * at 1e-10 of the RGB. Finite for cells of 1e-30 to 1e30, negative ones, and charts of rank 0
+ * and 1.
  */
 #ifndef LS_CORE_CELL_LIGHTING_H
 #define LS_CORE_CELL_LIGHTING_H

@@ -1,7 +1,9 @@
 #include "core/environment.h"
 
-#include <jansson.h>
+#include "core/json_document.h"
+
 #include <math.h>
+#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -82,29 +84,6 @@ static enum ls_err number(const json_t *json, size_t lobe, const char *key, doub
     return LS_OK;
 }
 
-static enum ls_err parse_direction(const json_t *json, size_t lobe, double out[3],
-                                   struct ls_diag *diag)
-{
-    double length = 0;
-    if (!json_is_array(json) || json_array_size(json) != 3)
-        return ls_fail(diag, LS_ERR_INVALID,
-                       "environment: lobe %zu: \"direction\": expected [x, y, z]", lobe);
-    for (size_t k = 0; k < 3; k++) {
-        enum ls_err err =
-            number(json_array_get(json, k), lobe, "direction", -INFINITY, &out[k], diag);
-        if (err)
-            return err;
-        length = hypot(length, out[k]);
-    }
-    if (!(length > 1e-100 && length < 1e100))
-        return ls_fail(diag, LS_ERR_INVALID,
-                       "environment: lobe %zu: \"direction\" has length %g: expected a direction",
-                       lobe, length);
-    for (size_t k = 0; k < 3; k++)
-        out[k] /= length;
-    return LS_OK;
-}
-
 static enum ls_err parse_samples(const json_t *nm, const json_t *value, size_t n, size_t lobe,
                                  double *samples, struct ls_diag *diag)
 {
@@ -149,10 +128,11 @@ static enum ls_err parse_spectrum(const json_t *json, size_t lobe, struct ls_spe
 static enum ls_err parse_lobe(const json_t *json, size_t index, struct ls_lobe *out,
                               struct ls_diag *diag)
 {
-    enum ls_err err = LS_OK;
+    char what[48];
     if (!json_is_object(json))
         return ls_fail(diag, LS_ERR_INVALID, "environment: lobe %zu: expected an object", index);
-    err = parse_direction(json_object_get(json, "direction"), index, out->direction, diag);
+    snprintf(what, sizeof what, "environment: lobe %zu", index);
+    enum ls_err err = ls_json_unit(what, json, "direction", out->direction, diag);
     if (!err)
         err = number(json_object_get(json, "sharpness"), index, "sharpness", 0, &out->sharpness,
                      diag);
@@ -165,15 +145,9 @@ static enum ls_err parse_lobe(const json_t *json, size_t index, struct ls_lobe *
 
 static enum ls_err parse_root(const json_t *root, struct ls_lobes *lobes, struct ls_diag *diag)
 {
-    const json_t *format = json_object_get(root, "format");
     const json_t *array = json_object_get(root, "lobes");
     size_t n = json_array_size(array);
     enum ls_err err = LS_OK;
-    if (!json_is_integer(format))
-        return ls_fail(diag, LS_ERR_INVALID, "environment: expected an object with \"format\": 1");
-    if (json_integer_value(format) != 1)
-        return ls_fail(diag, LS_ERR_UNSUPPORTED, "environment: format %lld: expected 1",
-                       (long long)json_integer_value(format));
     if (n < 1)
         return ls_fail(diag, LS_ERR_INVALID,
                        "environment: \"lobes\": expected an array of at least one lobe");
@@ -192,18 +166,14 @@ static enum ls_err parse_root(const json_t *root, struct ls_lobes *lobes, struct
 enum ls_err ls_lobes_parse_json(const char *text, size_t bytes, struct ls_lobes **out,
                                 struct ls_diag *diag)
 {
-    json_error_t where;
+    json_t *root;
     *out = NULL;
-    if (bytes > LS_LOBES_MAX_BYTES)
-        return ls_fail(diag, LS_ERR_LIMIT, "environment: %zu bytes: expected at most %d", bytes,
-                       LS_LOBES_MAX_BYTES);
-    json_t *root = json_loadb(text, bytes, JSON_REJECT_DUPLICATES, &where);
-    if (!root)
-        return ls_fail(diag, LS_ERR_INVALID, "environment: line %d, column %d: %s", where.line,
-                       where.column, where.text);
+    enum ls_err err = ls_json_document("environment", text, bytes, LS_LOBES_MAX_BYTES, &root, diag);
+    if (err)
+        return err;
     struct ls_lobes *lobes = calloc(1, sizeof *lobes);
-    enum ls_err err = lobes ? parse_root(root, lobes, diag)
-                            : ls_fail(diag, LS_ERR_NOMEM, "environment: out of memory");
+    err = lobes ? parse_root(root, lobes, diag)
+                : ls_fail(diag, LS_ERR_NOMEM, "environment: out of memory");
     json_decref(root);
     if (err)
         ls_lobes_destroy(lobes);

@@ -5,8 +5,8 @@
  *
  * Arithmetic on `floats` and `ints` is the compilers' own (+ - * / < are per lane, masks are all
  * ones or all zeros); here is what they do not spell: loads that widen, stores that narrow, blends,
- * and the colours woven together. Lanes never mix, nothing is fused and nothing approximated, so
- * every instruction set gives the same bits.
+ * and the colours woven together. Lanes never mix, nothing is fused but by lanes_fma and nothing
+ * approximated, so every instruction set gives the same bits.
  */
 #ifndef LS_CORE_LANES_H
 #define LS_CORE_LANES_H
@@ -101,6 +101,12 @@ LANES_INLINE floats lanes_load_u16(const void *p)
         _mm512_cvtepu16_epi32(_mm256_loadu_si256((const __m256i *)p)));
 }
 
+/* a b + c, rounded once; of the instruction sets that have it. */
+LANES_INLINE floats lanes_fma(floats a, floats b, floats c)
+{
+    return (floats)_mm512_fmadd_ps((__m512)a, (__m512)b, (__m512)c);
+}
+
 LANES_INLINE floats lanes_load_half(const uint16_t *p)
 {
     return (floats)_mm512_cvtph_ps(_mm256_loadu_si256((const __m256i *)p));
@@ -158,6 +164,11 @@ LANES_INLINE floats lanes_load_u8(const uint8_t *p)
 LANES_INLINE floats lanes_load_u16(const void *p)
 {
     return (floats)_mm256_cvtepi32_ps(_mm256_cvtepu16_epi32(_mm_loadu_si128((const __m128i *)p)));
+}
+
+LANES_INLINE floats lanes_fma(floats a, floats b, floats c)
+{
+    return (floats)_mm256_fmadd_ps((__m256)a, (__m256)b, (__m256)c);
 }
 
 LANES_INLINE floats lanes_load_half(const uint16_t *p)

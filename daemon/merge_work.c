@@ -165,26 +165,6 @@ static enum ls_err finish_dark(struct ls_merge_stage *stage, const struct ls_mer
     return err;
 }
 
-static enum ls_err take_dark(struct ls_merge_stage *stage, const struct ls_merge_job *job,
-                             struct ls_diag *diag)
-{
-    struct ls_merge_camera *camera = &stage->cameras[job->camera];
-    const void *raw = ls_ring_payload(stage->config.rings[job->camera], job->bound.frame.slot);
-    const struct ls_plan_condition *c = condition_of(stage, job->plan_step);
-    uint32_t condition = stage->config.setup->plan->steps[job->plan_step].condition;
-    enum ls_err err = ls_dark_stage_add(&camera->darks, c->exposure, raw, diag);
-    if (!err)
-        err = record(stage, job, raw, diag);
-    give_back(stage, job);
-    if (err)
-        return err;
-    pthread_mutex_lock(&stage->lock);
-    count_in(stage, job);
-    bool last = ++camera->darks_in[condition] == c->n_steps;
-    pthread_mutex_unlock(&stage->lock);
-    return last ? finish_dark(stage, job, diag) : LS_OK;
-}
-
 /* ---- watches ---- */
 
 static enum ls_err report_drift(struct ls_merge_stage *stage, uint32_t camera, uint32_t condition,
@@ -235,14 +215,16 @@ static enum ls_err finish_watch(struct ls_merge_stage *stage, const struct ls_me
     return report_drift(stage, job->camera, condition, &drift, diag);
 }
 
-static enum ls_err take_watch(struct ls_merge_stage *stage, const struct ls_merge_job *job,
-                              struct ls_diag *diag)
+static enum ls_err take_dark(struct ls_merge_stage *stage, const struct ls_merge_job *job,
+                             struct ls_diag *diag)
 {
     struct ls_merge_camera *camera = &stage->cameras[job->camera];
     const void *raw = ls_ring_payload(stage->config.rings[job->camera], job->bound.frame.slot);
     const struct ls_plan_condition *c = condition_of(stage, job->plan_step);
     uint32_t condition = stage->config.setup->plan->steps[job->plan_step].condition;
-    enum ls_err err = ls_dark_stage_watch(&camera->darks, raw, diag);
+    bool watch = job->kind == LS_JOB_WATCH;
+    enum ls_err err = watch ? ls_dark_stage_watch(&camera->darks, raw, diag)
+                            : ls_dark_stage_add(&camera->darks, c->exposure, raw, diag);
     if (!err)
         err = record(stage, job, raw, diag);
     give_back(stage, job);
@@ -251,10 +233,12 @@ static enum ls_err take_watch(struct ls_merge_stage *stage, const struct ls_merg
     pthread_mutex_lock(&stage->lock);
     count_in(stage, job);
     bool last = ++camera->darks_in[condition] == c->n_steps;
-    if (!last)
+    if (watch && !last)
         camera->watch.adding--;
     pthread_mutex_unlock(&stage->lock);
-    return last ? finish_watch(stage, job, diag) : LS_OK;
+    if (!last)
+        return LS_OK;
+    return watch ? finish_watch(stage, job, diag) : finish_dark(stage, job, diag);
 }
 
 /* ---- lights ---- */
@@ -376,10 +360,8 @@ void ls_merge_do(struct ls_merge_stage *stage, const struct ls_merge_job *job)
         give_back(stage, job);
         break;
     case LS_JOB_DARK:
-        err = take_dark(stage, job, &diag);
-        break;
     case LS_JOB_WATCH:
-        err = take_watch(stage, job, &diag);
+        err = take_dark(stage, job, &diag);
         break;
     case LS_JOB_COPY:
         err = copy_in(stage, job, &diag);

@@ -32,6 +32,10 @@
 /* Called, not inlined: kernels are inlined many times over, and the compiler has enough to do. */
 #define EMULATED static __attribute__((noinline, unused))
 
+typedef uint8_t emulated_u8 __attribute__((vector_size(16)));
+typedef uint16_t emulated_u16 __attribute__((vector_size(32)));
+typedef int32_t emulated_i32 __attribute__((vector_size(64)));
+
 /* Lanes that are off are neither read nor written, whatever lies there. */
 
 EMULATED __m512 emulated_maskz_load(__mmask16 mask, const float *p)
@@ -170,47 +174,23 @@ EMULATED __m256i emulated_to_halves(__m512 a, int rounding)
 
 EMULATED __m512i emulated_widen_bytes(__m128i bytes)
 {
-    uint8_t narrow[16];
-    int32_t wide[16];
-    __m512i v;
-    _mm_storeu_si128((__m128i *)narrow, bytes);
-    for (int k = 0; k < 16; k++)
-        wide[k] = narrow[k];
-    memcpy(&v, wide, sizeof v);
-    return v;
+    return (__m512i) __builtin_convertvector((emulated_u8)bytes, emulated_i32);
 }
 
 EMULATED __m512i emulated_widen_words(__m256i words)
 {
-    uint16_t narrow[16];
-    int32_t wide[16];
-    __m512i v;
-    _mm256_storeu_si256((__m256i *)narrow, words);
-    for (int k = 0; k < 16; k++)
-        wide[k] = narrow[k];
-    memcpy(&v, wide, sizeof v);
-    return v;
+    return (__m512i) __builtin_convertvector((emulated_u16)words, emulated_i32);
 }
 
 EMULATED __m512 emulated_floats(__m512i a)
 {
-    int32_t v[16];
-    float out[16];
-    memcpy(v, &a, sizeof v);
-    for (int k = 0; k < 16; k++)
-        out[k] = (float)v[k];
-    return emulated_load(out);
+    return __builtin_convertvector((emulated_i32)a, __m512);
 }
 
 /* The lowest byte of each, not saturated. */
 EMULATED __m128i emulated_low_bytes(__m512i a)
 {
-    int32_t v[16];
-    uint8_t out[16];
-    memcpy(v, &a, sizeof v);
-    for (int k = 0; k < 16; k++)
-        out[k] = (uint8_t)v[k];
-    return _mm_loadu_si128((const __m128i *)out);
+    return (__m128i) __builtin_convertvector((emulated_i32)a, emulated_u8);
 }
 
 /* Some of these are macros of the compiler's. */

@@ -1,42 +1,16 @@
 #include "core/envlights.h"
-#include "core/environment.h"
+#include "tests/core/maps.h"
 
 #include <glib.h>
 #include <math.h>
 #include <string.h>
-
-/** A dome: rings of lights every 10 degrees down to @lowest, plus the zenith. */
-static size_t dome(float (*d)[3], double lowest_deg)
-{
-    size_t n = 0;
-    d[n][0] = d[n][2] = 0;
-    d[n++][1] = 1;
-    for (double t = 10; t <= lowest_deg; t += 10) {
-        int around = MAX(6, (int)lround(36 * sin(t * M_PI / 180)));
-        for (int k = 0; k < around; k++, n++) {
-            double phi = 2 * M_PI * k / around;
-            d[n][0] = (float)(sin(t * M_PI / 180) * sin(phi));
-            d[n][1] = (float)cos(t * M_PI / 180);
-            d[n][2] = (float)(-sin(t * M_PI / 180) * cos(phi));
-        }
-    }
-    return n;
-}
-
-static double total(const double *w, size_t n, size_t stride)
-{
-    double sum = 0;
-    for (size_t i = 0; i < n; i++)
-        sum += w[i * stride];
-    return sum;
-}
 
 static void test_cells_partition_the_sphere(void)
 {
     float d[512][3];
     double omega[512];
     for (double lowest = 30; lowest <= 170; lowest += 70) {
-        size_t n = dome(d, lowest);
+        size_t n = ring_dome(d, lowest);
         g_assert_cmpint(ls_envlights_omega((const float(*)[3])d, n, omega, NULL), ==, LS_OK);
         /* 1e6 additions of doubles; the requirement is 1e-6 */
         g_assert_cmpfloat_with_epsilon(total(omega, n, 1), 4 * M_PI, 1e-9);
@@ -84,30 +58,16 @@ static void test_energy_of_any_map_is_kept(void)
     static const uint32_t sizes[][2] = {{1, 1}, {2, 1}, {7, 5}, {64, 33}, {301, 150}};
     float d[512][3];
     static double w[3 * 512];
-    size_t n = dome(d, 130);
+    size_t n = ring_dome(d, 130);
     g_test_message("seed %u", seed);
     for (size_t k = 0; k < G_N_ELEMENTS(sizes); k++) {
-        uint32_t width = sizes[k][0], height = sizes[k][1];
-        g_autofree float *rgb = g_new(float, 3 * (size_t)width * height);
+        struct random_map m = random_map(rand, sizes[k][0], sizes[k][1]);
         double rotation[9];
-        long double exact[3] = {0}, size = 0;
-        for (uint32_t y = 0; y < height; y++)
-            for (uint32_t x = 0; x < width; x++)
-                for (int c = 0; c < 3; c++) {
-                    float v = (float)g_rand_double_range(rand, c == 2 ? -1 : 0, 1);
-                    long double sr = 2 * M_PIl / width *
-                                     (cosl(M_PIl * y / height) - cosl(M_PIl * (y + 1) / height));
-                    rgb[3 * ((size_t)y * width + x) + (size_t)c] = v;
-                    exact[c] += sr * v;
-                    size += sr * fabsf(v);
-                }
         ls_rotation_y(g_rand_double_range(rand, -4, 4), rotation);
-        struct ls_map map = {.rgb = rgb, .width = width, .height = height};
-        g_assert_cmpint(ls_envlights_map((const float(*)[3])d, n, rotation, &map, w, NULL), ==,
+        g_assert_cmpint(ls_envlights_map((const float(*)[3])d, n, rotation, &m.map, w, NULL), ==,
                         LS_OK);
-        for (int c = 0; c < 3; c++)
-            g_assert_cmpfloat_with_epsilon(total(w + c, n, 3), (double)exact[c],
-                                           1e-9 * (double)size);
+        assert_energy_kept(w, n, &m);
+        g_free(m.rgb);
     }
 }
 
@@ -117,7 +77,7 @@ static void test_a_sun_of_one_texel_keeps_its_energy_and_its_place(void)
     g_autofree float *rgb = g_new0(float, 3 * W * H);
     float d[512][3];
     static double w[3 * 512];
-    size_t n = dome(d, 130);
+    size_t n = ring_dome(d, 130);
     static const uint32_t at[][2] = {{0, 0}, {255, 127}, {64, 40}, {65, 41}, {190, 64}, {255, 63}};
     for (size_t k = 0; k < G_N_ELEMENTS(at); k++) {
         uint32_t x = at[k][0], y = at[k][1];
@@ -167,7 +127,7 @@ static void test_turning_the_map_a_texel_equals_turning_by_its_angle(void)
     float d[512][3];
     static double a[3 * 512], b[3 * 512];
     double rotation[9];
-    size_t n = dome(d, 150);
+    size_t n = ring_dome(d, 150);
     g_test_message("seed %u", seed);
     for (uint32_t k = 0; k < 3 * W * H; k++)
         rgb[k] = (float)g_rand_double(rand);
@@ -294,7 +254,7 @@ static void test_a_lobe_keeps_its_energy_at_any_sharpness(void)
     static const double sharpness[] = {0, 1e-12, 0.5, 10, 1e3, 1e6, 1e12};
     float d[512][3];
     static double w[512];
-    size_t n = dome(d, 130);
+    size_t n = ring_dome(d, 130);
     for (size_t k = 0; k < G_N_ELEMENTS(sharpness); k++) {
         double s = sharpness[k];
         struct ls_lobe lobe = {.direction = {0.6, 0.64, 0.48}, .sharpness = s, .radiance = 3};
@@ -313,7 +273,7 @@ static void test_a_lobe_s_cells_match_a_rendered_map(void)
     float d[512][3];
     static double w[512], m[3 * 512];
     double rotation[9];
-    size_t n = dome(d, 150);
+    size_t n = ring_dome(d, 150);
     struct ls_lobe lobe = {.direction = {0.6, 0.64, 0.48}, .sharpness = 6, .radiance = 1};
     struct ls_lobes lobes = {.n = 1, .item = &lobe};
     struct ls_map map = {.rgb = rgb, .width = W, .height = H};
