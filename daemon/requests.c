@@ -347,6 +347,18 @@ static void handle_take_verify(const struct call *call)
                                       verify->take));
 }
 
+static void handle_take_slate(const struct call *call)
+{
+    struct ls_job *job = NULL;
+    struct ls_diag diag = {0};
+    enum ls_err err = ls_take_slate_job(call->id, ls_session_service(call->session)->config.storage,
+                                        (const Lightstage__TakeSlate *)call->message, &job, &diag);
+    if (err)
+        fail(call, err, LS_PROTO_ABOUT_REQUEST, &diag);
+    else
+        ls_session_run(call->session, job);
+}
+
 /* ---- pictures ---- */
 
 static void handle_fetch(const struct call *call)
@@ -413,6 +425,7 @@ static const struct {
     {LS_MESSAGE_TAKE_LIST, handle_take_list},
     {LS_MESSAGE_TAKE_SHOW, handle_take_show},
     {LS_MESSAGE_TAKE_VERIFY, handle_take_verify},
+    {LS_MESSAGE_TAKE_SLATE, handle_take_slate},
     {LS_MESSAGE_FETCH, handle_fetch},
     {LS_MESSAGE_RELIGHT, handle_relight},
     {LS_MESSAGE_BLANK, handle_blank},

@@ -1,5 +1,6 @@
 #include "daemon/take_jobs.h"
 
+#include "daemon/slate.h"
 #include "daemon/take_facts.h"
 #include "daemon/takedir.h"
 #include "proto/frame.h"
@@ -26,14 +27,20 @@ static void take_job_destroy(struct ls_job *job)
     g_free(self);
 }
 
-static struct ls_job *make(const struct ls_job_ops *ops, uint32_t request, const char *storage,
-                           const char *take)
+static void init(struct take_job *self, const struct ls_job_ops *ops, uint32_t request,
+                 const char *storage, const char *take)
 {
-    struct take_job *self = g_new0(struct take_job, 1);
     self->job.ops = ops;
     self->job.request = request;
     self->storage = storage;
     snprintf(self->take, sizeof self->take, "%s", take);
+}
+
+static struct ls_job *make(const struct ls_job_ops *ops, uint32_t request, const char *storage,
+                           const char *take)
+{
+    struct take_job *self = g_new0(struct take_job, 1);
+    init(self, ops, request, storage, take);
     return &self->job;
 }
 
@@ -44,15 +51,24 @@ static enum ls_err reply(const struct take_job *self, uint16_t type, const Proto
                             body, chunk->payload_bytes, &chunk->head, &chunk->head_bytes, diag);
 }
 
+enum { PATH_BYTES = 4096 };
+
+static enum ls_err folder_of(const struct take_job *self, char folder[PATH_BYTES],
+                             struct ls_diag *diag)
+{
+    if (!ls_takedir_id_ok(self->take))
+        return ls_fail(diag, LS_ERR_NOT_FOUND, "\"%.64s\" is not the name of a take", self->take);
+    if (snprintf(folder, PATH_BYTES, "%s/%s", self->storage, self->take) >= PATH_BYTES)
+        return ls_fail(diag, LS_ERR_LIMIT, "%s: the path is too long", self->storage);
+    return LS_OK;
+}
+
 static enum ls_err open_take(const struct take_job *self, struct ls_takedir **take,
                              struct ls_diag *diag)
 {
-    char folder[4096];
-    if (!ls_takedir_id_ok(self->take))
-        return ls_fail(diag, LS_ERR_NOT_FOUND, "\"%.64s\" is not the name of a take", self->take);
-    if (snprintf(folder, sizeof folder, "%s/%s", self->storage, self->take) >= (int)sizeof folder)
-        return ls_fail(diag, LS_ERR_LIMIT, "%s: the path is too long", self->storage);
-    return ls_takedir_open(folder, take, diag);
+    char folder[PATH_BYTES];
+    enum ls_err err = folder_of(self, folder, diag);
+    return err ? err : ls_takedir_open(folder, take, diag);
 }
 
 /* ---- list ---- */
@@ -186,4 +202,72 @@ struct ls_job *ls_take_verify_job(uint32_t request, const char *storage, const c
 {
     static const struct ls_job_ops ops = {"verify", verify_step, take_job_destroy};
     return make(&ops, request, storage, take);
+}
+
+/* ---- slate ---- */
+
+struct slate_job {
+    struct take_job base;
+    bool write;
+    struct ls_slate slate;
+};
+
+static enum ls_err slate_step(struct ls_job *job, struct ls_chunk *chunk, bool *last,
+                              struct ls_diag *diag)
+{
+    struct slate_job *self = (struct slate_job *)job;
+    char folder[PATH_BYTES];
+    Lightstage__Slate slate = LIGHTSTAGE__SLATE__INIT;
+    Lightstage__TakeSlateReply body = LIGHTSTAGE__TAKE_SLATE_REPLY__INIT;
+    enum ls_err err = folder_of(&self->base, folder, diag);
+    if (!err)
+        err = self->write ? ls_slate_write(folder, &self->slate, diag)
+                          : ls_slate_read(folder, &self->slate, diag);
+    if (err)
+        return err;
+    slate.slate = self->slate.slate;
+    slate.scene = self->slate.scene;
+    slate.take = self->slate.take;
+    slate.circled = self->slate.circled;
+    slate.timecode = self->slate.timecode;
+    slate.notes = self->slate.notes;
+    body.slate = &slate;
+    *last = true;
+    return reply(&self->base, LS_MESSAGE_TAKE_SLATE, &body.base, true, chunk, diag);
+}
+
+static bool copy(const char *text, char *out, size_t size)
+{
+    return g_strlcpy(out, text, size) < size;
+}
+
+static enum ls_err slate_of(const Lightstage__Slate *in, struct ls_slate *out, struct ls_diag *diag)
+{
+    out->take = in->take;
+    out->circled = in->circled;
+    if (!copy(in->slate, out->slate, sizeof out->slate) ||
+        !copy(in->scene, out->scene, sizeof out->scene) ||
+        !copy(in->timecode, out->timecode, sizeof out->timecode) ||
+        !copy(in->notes, out->notes, sizeof out->notes))
+        return ls_fail(diag, LS_ERR_INVALID,
+                       "slate: expected at most 63 bytes of slate and scene, 4095 of notes, and a "
+                       "timecode like 10:11:12:13");
+    return ls_slate_check(out, diag);
+}
+
+enum ls_err ls_take_slate_job(uint32_t request, const char *storage,
+                              const Lightstage__TakeSlate *message, struct ls_job **job,
+                              struct ls_diag *diag)
+{
+    static const struct ls_job_ops ops = {"slate", slate_step, take_job_destroy};
+    struct ls_slate slate = {.take = 0};
+    enum ls_err err = message->write ? slate_of(message->write, &slate, diag) : LS_OK;
+    if (err)
+        return err;
+    struct slate_job *self = g_new0(struct slate_job, 1);
+    init(&self->base, &ops, request, storage, message->take);
+    self->write = message->write;
+    self->slate = slate;
+    *job = &self->base.job;
+    return LS_OK;
 }

@@ -1,5 +1,5 @@
 /*
- * take_jobs: the jobs that read take folders: list, show, verify.
+ * take_jobs: the jobs on take folders: list, show, verify, slate.
  * Layer: daemon. Threads: made on ls-main, stepped on ls-serve. Ownership: @storage is (transfer
  * none) and outlives the job; jobs are (transfer full).
  */
@@ -7,6 +7,7 @@
 #define LS_DAEMON_TAKE_JOBS_H
 
 #include "daemon/job.h"
+#include "proto/lightstage.pb-c.h"
 
 #include <stdint.h>
 
@@ -18,5 +19,11 @@ struct ls_job *ls_take_show_job(uint32_t request, const char *storage, const cha
 
 /** One TakeVerifyReply, after reading every published file. */
 struct ls_job *ls_take_verify_job(uint32_t request, const char *storage, const char *take);
+
+/** One TakeSlateReply, after writing the slate if the request has one. LS_ERR_INVALID: that could
+ * not be written down; the folder is looked at by the job. *job: (transfer full). */
+LS_MUST_CHECK enum ls_err ls_take_slate_job(uint32_t request, const char *storage,
+                                            const Lightstage__TakeSlate *message,
+                                            struct ls_job **job, struct ls_diag *diag);
 
 #endif

@@ -34,6 +34,8 @@ static const struct pairing pairings[] = {
     {LS_MESSAGE_RELIGHT, &lightstage__relight__descriptor, &lightstage__relight_reply__descriptor},
     {LS_MESSAGE_BLANK, &lightstage__blank__descriptor, &lightstage__blank_reply__descriptor},
     {LS_MESSAGE_CANCEL, &lightstage__cancel__descriptor, &lightstage__cancel_reply__descriptor},
+    {LS_MESSAGE_TAKE_SLATE, &lightstage__take_slate__descriptor,
+     &lightstage__take_slate_reply__descriptor},
 };
 
 const ProtobufCMessageDescriptor *ls_message_descriptor(uint16_t type)

@@ -109,7 +109,8 @@ static void every_command_explains_itself(void)
 {
     static const char *const names[] = {"status",     "rig",       "preflight",   "take start",
                                         "take list",  "take show", "take verify", "take resume",
-                                        "take abort", "fetch",     "relight",     "blank"};
+                                        "take abort", "fetch",     "relight",     "blank",
+                                        "take slate"};
     expect("x", "--help", 0, "Exit status");
     for (size_t i = 0; i < G_N_ELEMENTS(names); i++) {
         char *line = g_strdup_printf("%s --help", names[i]);

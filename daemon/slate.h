@@ -1,0 +1,38 @@
+/*
+ * slate: what people write down about a take. It lives beside the take's data in slate.json, may
+ * be changed while the take runs and at any time after, and nothing else reads it.
+ * Layer: daemon. Threads: any; writers of one folder wait for each other. Ownership: the caller's.
+ */
+#ifndef LS_DAEMON_SLATE_H
+#define LS_DAEMON_SLATE_H
+
+#include "core/error.h"
+
+#include <stdbool.h>
+#include <stdint.h>
+
+enum { LS_SLATE_MAX_TAKE = 99999 };
+
+/** All zero: nothing written down. Texts are UTF-8. */
+struct ls_slate {
+    char slate[64], scene[64];
+    uint32_t take; /* [1, LS_SLATE_MAX_TAKE], 0: none */
+    bool circled;
+    char timecode[12]; /* HH:MM:SS:FF, with ';' before FF for drop frame; SMPTE ST 12-1 */
+    char notes[4096];
+};
+
+/** Could this be written down? LS_ERR_INVALID: take or timecode out of range, text that is not
+ * UTF-8 or has control characters (notes may have line breaks). */
+LS_MUST_CHECK enum ls_err ls_slate_check(const struct ls_slate *slate, struct ls_diag *diag);
+
+/** The slate of the take in @folder; all zero where there is none. Errors: LS_ERR_NOT_FOUND (no
+ * such folder), LS_ERR_INVALID (damaged; the sentence says what to do), LS_ERR_OS, LS_ERR_NOMEM. */
+LS_MUST_CHECK enum ls_err ls_slate_read(const char *folder, struct ls_slate *slate,
+                                        struct ls_diag *diag);
+
+/** Replace it, atomically and durably. Errors as check and read, and LS_ERR_FULL. */
+LS_MUST_CHECK enum ls_err ls_slate_write(const char *folder, const struct ls_slate *slate,
+                                         struct ls_diag *diag);
+
+#endif
