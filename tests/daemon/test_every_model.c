@@ -1,5 +1,6 @@
 /* every model: all lights make the photographed sphere; regions, sources and threads make no
  * difference; lights and pictures that are not there are made up for. */
+#include "daemon/crew.h"
 #include "proto/models.h"
 #include "tests/daemon/model_room.h"
 
@@ -138,6 +139,29 @@ static void lights_that_cannot_matter_are_left_out_by_every_model(struct room *r
         g_assert_cmpfloat(off_by(some, all), <=, report.error_bound);
         g_free(some);
         g_free(all);
+    }
+}
+
+/* Two pictures at once, in every number of threads: the same bits. */
+static void threads_do_not_show_by_any_model(struct room *room, gconstpointer data)
+{
+    struct ls_render_term terms[4];
+    double w[4][FULL_LIGHTS];
+    fill_terms(terms, w);
+    for (size_t m = 0; m < MODELS; m++) {
+        struct ls_render_job job = {.promotion = {.model = models[m]},
+                                    .terms = terms,
+                                    .n_terms = 4,
+                                    .n_pictures = 2,
+                                    .region = {1, 3, FULL_W - 1, FULL_H - 5}};
+        size_t bytes = 2 * 3 * sizeof(float) * job.region.width * job.region.height;
+        float *alone = rendered(room, &job);
+        for (job.n_threads = 1; job.n_threads <= LS_CREW_MAX_THREADS; job.n_threads++) {
+            float *together = rendered(room, &job);
+            g_assert_cmpmem(together, bytes, alone, bytes);
+            g_free(together);
+        }
+        g_free(alone);
     }
 }
 
@@ -281,6 +305,8 @@ int main(int argc, char **argv)
          a_region_is_the_crop_of_the_whole_by_every_model);
     TEST("lights-that-cannot-matter-are-left-out-by-every-model", NULL,
          lights_that_cannot_matter_are_left_out_by_every_model);
+    TEST("threads-do-not-show-by-any-model", NULL, threads_do_not_show_by_any_model);
+    TEST("threads-of-a-mono-camera-do-not-show", &mono, threads_do_not_show_by_any_model);
     TEST("a-source-opened-anew-gives-the-same-bits", NULL,
          a_source_opened_anew_gives_the_same_bits);
     TEST("threads-that-ask-at-once-get-the-same-bits", NULL,
