@@ -39,18 +39,28 @@ static struct ls_diag *diag_of(const struct work *w)
 
 /* ---- pictures ---- */
 
-/* What E in full scale / s is multiplied by to be a sum of the lights' R; 0: not calibrated. */
-static double unit_of(const struct work *w, const struct ls_calibrate_picture *picture)
+/* What E in full scale / s is multiplied by to be a sum of the lights' R. */
+static enum ls_err find_unit(const struct work *w, const struct ls_calibrate_picture *picture,
+                             double *unit, struct ls_diag *diag)
 {
     const struct ls_take_document *d = w->take->document;
-    const char *name = d->channels[w->channel].name;
-    if (!d->calibration)
-        return d->reference_exposure_s / picture->duty;
-    int channel = ls_calibration_channel(d->calibration, name);
+    const struct ls_calibration *c = d->calibration;
+    int channel = c ? ls_calibration_channel(c, d->channels[w->channel].name) : 0;
+    *unit = d->reference_exposure_s / picture->duty;
+    if (!c)
+        return LS_OK;
     double factor = channel < 0 ? 0
-                                : ls_calibration_factor(d->calibration, (uint32_t)channel,
-                                                        picture->pattern, picture->duty);
-    return d->calibration->scale * factor / picture->duty;
+                                : ls_calibration_factor(c, (uint32_t)channel, picture->pattern,
+                                                        picture->duty);
+    *unit = c->scale * factor / picture->duty;
+    if (factor > 0)
+        return LS_OK;
+    struct ls_diag why = {"its calibration lacks the channel"};
+    if (channel >= 0 && ls_calibration_lacks_factor(c, (uint32_t)channel, picture->pattern,
+                                                    picture->duty, &why) == LS_ERR_NOMEM)
+        return LS_ERR_NOMEM;
+    return ls_fail(diag, LS_ERR_STATE, "take %s is uncalibrated for %s: %.300s", w->take->id,
+                   picture->id, why.text);
 }
 
 static enum ls_err keep(void *user, const struct ls_calibrate_picture *picture, const float *e,
@@ -58,20 +68,14 @@ static enum ls_err keep(void *user, const struct ls_calibrate_picture *picture, 
 {
     struct work *w = user;
     const struct ls_demosaic_region *r = &w->needs;
-    double unit = unit_of(w, picture);
+    double unit;
     float *out = picture == w->shown_picture ? w->shown : w->other;
-    if (!(unit > 0))
-        return ls_fail(diag, LS_ERR_STATE,
-                       "take %s is uncalibrated for %s: its calibration has no factor of channel "
-                       "%s, pattern %s at duty %.4f; measure it (lightstagectl calibrate --plan) "
-                       "and take again",
-                       w->take->id, picture->id, w->wanted->channel, picture->pattern,
-                       picture->duty);
-    for (uint32_t y = 0; y < r->height; y++)
+    enum ls_err err = find_unit(w, picture, &unit, diag);
+    for (uint32_t y = 0; y < r->height && !err; y++)
         for (uint32_t x = 0; x < r->width; x++)
             out[(size_t)y * r->width + x] =
                 (float)(unit * (double)e[(size_t)(r->y + y) * w->take->document->width + r->x + x]);
-    return LS_OK;
+    return err;
 }
 
 static enum ls_err fetch(struct work *w, const struct ls_calibrate_picture *picture)

@@ -212,16 +212,28 @@ static enum ls_err tell_left_out(const struct solver *solver, uint32_t white,
     return LS_OK;
 }
 
+/* The first spectrum of single lights; where they were photographed behind both polarisers only,
+ * whose sum is white, the first spectrum. */
+static uint32_t find_white(const struct ls_take_document *d)
+{
+    uint32_t white = d->n_channels, first = d->n_channels, polarised = 0;
+    for (uint32_t c = d->n_channels; c-- > 0;) {
+        polarised += d->channels[c].each && !d->channels[c].spectrum;
+        if (d->channels[c].spectrum)
+            first = c;
+        if (d->channels[c].each && d->channels[c].spectrum)
+            white = c;
+    }
+    return white == d->n_channels && polarised >= 2 ? first : white;
+}
+
 /* White first: what was photographed light by light; then what the model serves. The baseline is
  * white alone. */
 static enum ls_err choose_channels(struct solver *solver, struct ls_light_weights *out,
                                    struct ls_diag *diag)
 {
     const struct ls_take_document *d = solver->document;
-    uint32_t white = d->n_channels;
-    for (uint32_t c = d->n_channels; c-- > 0;)
-        if (d->channels[c].each && d->channels[c].spectrum)
-            white = c;
+    uint32_t white = find_white(d);
     if (white == d->n_channels)
         return ls_fail(diag, LS_ERR_UNSUPPORTED,
                        "the take was not photographed light by light: it cannot be relit");

@@ -24,7 +24,8 @@ enum ls_err ls_calibration_lacks_factor(const struct ls_calibration *c, uint32_t
     list_duties(c, channel, pattern, duties, sizeof duties);
     return ls_fail(diag, LS_ERR_NOT_FOUND,
                    "the calibration holds no factor of channel %s, pattern %.15s at duty %.5g "
-                   "(calibrated duties: %s); measure it (lightstagectl calibrate) and take again",
+                   "(calibrated duties: %s); measure it (lightstagectl calibrate --plan) and take "
+                   "again",
                    c->channels[channel].name, pattern, duty, *duties ? duties : "none");
 }
 

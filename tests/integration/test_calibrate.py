@@ -148,6 +148,68 @@ def test_a_take_without_all_lights_cannot_calibrate(folder):
     takes.says(refused(rig, "--grey", status["id"]), "does not show every light", 'kind "each"')
 
 
+def test_ctrl_c_leaves_the_stage_dark_names_the_take_and_writes_nothing(folder):
+    rig = dome(folder, "grey").start()
+    client = subprocess.Popen(
+        takes.ctl(rig, "calibrate", "--output", rig.path("measured.json"), "--yes", "--no-gloss"),
+        stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+        preexec_fn=stage.die_with_parent)
+    takes.fire(rig, 150)  # of 600; warm-up and darks are 53
+    takes.interrupt(client)
+    out, err = client.communicate(timeout=30)
+    fired = takes.exposures(rig)
+    take, = rig.takes()
+    assert client.returncode == 130 and not out, (client.returncode, out, err)
+    takes.says(err, "waiting for the lights to be dark", take["id"] + ": aborted", "LEDs are dark")
+    lights = takes.lights_status(rig)
+    assert lights["state"] == "loaded" and not lights["faults"], lights
+    assert not os.path.exists(rig.path("measured.json"))
+    # what is there of it calibrates nothing, and says what would
+    code, _, err = takes.ask(rig, "calibrate", "--output", rig.path("measured.json"), "--grey",
+                             take["id"])
+    assert code == 7 and takes.exposures(rig) == fired, (code, err)
+    takes.says(err, take["id"] + " lacks", "resume")
+    assert not os.path.exists(rig.path("measured.json"))
+    code, status, err = takes.resume(rig, take["id"])
+    assert code == 0 and status["state"] == "complete", err
+    code, _, err = takes.ask(rig, "calibrate", "--output", rig.path("measured.json"), "--grey",
+                             take["id"])
+    assert code == 0 and os.path.exists(rig.path("measured.json")), err
+
+
+def test_an_incomplete_take_is_promoted_by_no_model_and_says_what_it_lacks(folder):
+    rig = dome(folder, "stilllife").start()
+    plan = GREY.replace('["W"]; },', '["W", "R"]; }, { kind = "segments"; count = 14; '
+                        'channels = ["R"]; }, { kind = "headlight"; channels = ["R"]; },')
+    client = takes.begin(rig, plan, wait=True)
+    takes.fire(rig, 30)  # of 74; spheres, segments and head light are there, of the lights some
+    takes.interrupt(client)
+    assert client.wait(30) == 130
+    take, = rig.takes()
+    for model in ("sphere", "headlight", "linear"):
+        code, _, err = takes.ask(rig, "fetch", take["id"], "--channel", "R", "--model", model,
+                                 "--layout", "rgb", "--output", rig.path("x"))
+        print("#", model, code, err.strip())
+        assert code == 7 and "resume" in err, (model, code, err)
+    assert not os.path.exists(rig.path("x.json"))
+
+
+def test_a_take_that_names_no_patterns_calibrates_too(folder):
+    rig = dome(folder, "grey", WHITE, "W", 24).start()
+    code, status, err = takes.photograph(rig, GREY.replace(
+        "conditions = (", 'conditions = ( { kind = "segment"; channels = ["W"]; level = 9000; '
+        "lights = [3, 5, 7]; },"))
+    assert code == 0, err
+    path = os.path.join(takes.folder(rig, status["id"]), "take.json")
+    document = json.loads(stage.read(path))
+    for condition in document["plan"]["conditions"]:
+        condition.pop("pattern", None)
+    stage.write(path, json.dumps(document))
+    code, out, err = calibrate(rig, "--grey", status["id"], "--json")
+    assert code == 0, err
+    assert {f["pattern"] for f in json.loads(out)["factors"]} == {"sphere", "lights-3"}, out
+
+
 def test_nobody_to_answer_is_said(folder):
     rig = dome(folder, "grey", WHITE, "W", 24).start()
     code, _, err = takes.ask(rig, "calibrate", "--output", rig.path("measured.json"))
