@@ -49,16 +49,15 @@ static enum ls_err find_unit(const struct work *w, const struct ls_calibrate_pic
     *unit = d->reference_exposure_s / picture->duty;
     if (!c)
         return LS_OK;
-    double factor = channel < 0 ? 0
-                                : ls_calibration_factor(c, (uint32_t)channel, picture->pattern,
-                                                        picture->duty);
+    double factor =
+        channel < 0 ? 0
+                    : ls_calibration_factor(c, (uint32_t)channel, picture->pattern, picture->duty);
     *unit = c->scale * factor / picture->duty;
     if (factor > 0)
         return LS_OK;
     struct ls_diag why = {"its calibration lacks the channel"};
-    if (channel >= 0 && ls_calibration_lacks_factor(c, (uint32_t)channel, picture->pattern,
-                                                    picture->duty, &why) == LS_ERR_NOMEM)
-        return LS_ERR_NOMEM;
+    if (channel >= 0)
+        ls_calibration_lacks_factor(c, (uint32_t)channel, picture->pattern, picture->duty, &why);
     return ls_fail(diag, LS_ERR_STATE, "take %s is uncalibrated for %s: %.300s", w->take->id,
                    picture->id, why.text);
 }
