@@ -271,7 +271,9 @@ enum ls_err ls_render_step(struct ls_render *render, struct ls_demosaic_region *
 {
     const struct ls_demosaic_region *r = &render->region;
     uint32_t height = render->source->height, y = render->next_y;
-    uint32_t end = ls_relight_band_end(&render->source->field, r, y, LS_DEMOSAIC_HALO);
+    uint32_t halo =
+        render->n_separated > 0 ? 0 : LS_DEMOSAIC_HALO; /* whole tiles: core/separated.h */
+    uint32_t end = ls_relight_band_end(&render->source->field, r, y, halo);
     enum ls_err err = LS_OK;
     *pixels = NULL;
     uint32_t top = y > LS_DEMOSAIC_HALO ? y - LS_DEMOSAIC_HALO : 0;
