@@ -95,11 +95,13 @@ def test_every_model_serves_single_lights_near_the_truth(folder):
     print(f"# single lights, percent: photographed {photographed:.2f}, "
           + ", ".join(f"{m} {mean[m]:.2f}" for m in MODELS)
           + "; left out: " + ", ".join(f"{c} {v:.2f}" for c, v in left_out.items()))
-    # one frame's noise and the demosaic of highlights against a promotion that is off by its model
-    assert photographed < 4, photographed
-    assert mean["sphere"] < 15 and mean["separated"] < 15, mean
-    assert mean["headlight"] < 30, mean
-    assert mean["linear"] < mean["sphere"], mean
+    # one frame's noise, 1.9 % here; what a model makes of light that depends on its direction: Eq. 1
+    # 7.0 %, with the coats apart 7.1, of lights that are themselves in front by the head light 4.3,
+    # fitted 2.9. A quarter more for other compilers' rounding and the sensor's other numbers.
+    assert photographed < 2.4, photographed
+    assert mean["sphere"] < 8.8 and mean["separated"] < 8.8, mean
+    assert mean["headlight"] < 5.4, mean
+    assert mean["linear"] < 0.55 * mean["sphere"], mean
     for (model, channel), s in said.items():
         assert s["model"] == model and s["channel"] == channel, s
         assert s["reference"] == "strengths", s
@@ -139,8 +141,9 @@ def test_every_model_relights_near_the_truth(folder):
         assert used["A"] == (model.split()[0], reference), used
         assert used["R"][0] == ("measured" if model == "linear" else model.split()[0]), used
     print("# relit, percent: " + ", ".join(f"{m} {e:.3f}" for m, e in error.items()))
-    assert error["sphere"] < 5 and error["separated"] < 5 and error["headlight"] < 15, error
-    assert error["linear"] < error["sphere"], error
+    # 4.5, 4.5 and 4.3 %; fitted 1.3
+    assert error["sphere"] < 5.5 and error["separated"] < 5.5 and error["headlight"] < 5.5, error
+    assert error["linear"] < 0.4 * error["sphere"], error
     # 5 % between the lights of two spectra: F / F0 has them twice, ours once and known
     assert error["sphere"] < error["sphere paper"], error
     harness.refuses("kind \"each\"", lambda: rig.control(
