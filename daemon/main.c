@@ -7,6 +7,7 @@
 #include "daemon/listen.h"
 #include "daemon/privileges.h"
 #include "daemon/server.h"
+#include "daemon/supervisor.h"
 
 #include <errno.h>
 #include <getopt.h>
@@ -123,10 +124,13 @@ static enum ls_err prepare(struct daemon *d, const struct options *o, struct ls_
 
 static enum ls_err listen_for_clients(struct daemon *d, struct ls_diag *diag)
 {
-    const struct ls_server_config server = {.socket_path = d->config->socket_path,
-                                            .storage = d->config->storage,
-                                            .spare_bytes = d->config->reserve_bytes};
-    return ls_server_create(&server, d->engine, &d->server, diag);
+    struct ls_server_config server = {.socket_path = d->config->socket_path,
+                                      .storage = d->config->storage,
+                                      .spare_bytes = d->config->reserve_bytes};
+    int passed;
+    enum ls_err err = ls_supervisor_socket(d->config->socket_path, &passed, diag);
+    server.listener = passed > 0 ? passed : 0;
+    return err ? err : ls_server_create(&server, d->engine, &d->server, diag);
 }
 
 static void say_ready(const struct daemon *d, int fd)
@@ -136,27 +140,29 @@ static void say_ready(const struct daemon *d, int fd)
     fprintf(stderr, "lightstaged %s: listening on %s\n", LS_VERSION, d->config->socket_path);
     if (missing[0])
         fprintf(stderr, "lightstaged: running without %s\n", missing);
+    ls_supervisor_ready(missing[0] ? "running without some privileges, see the log" : "ready");
     if (fd >= 0 && dprintf(fd, "{\"ready\":true,\"pid\":%d,\"socket\":\"%s\"}\n", (int)getpid(),
                            d->config->socket_path) < 0)
         fprintf(stderr, "lightstaged: --ready-fd %d: %s\n", fd, strerror(errno));
 }
 
+/* The signals stay caught to the end: another one must not cut the way to the dark short. */
 static void run(struct daemon *d, int ready_fd)
 {
-    d->loop = g_main_loop_new(NULL, FALSE);
-    guint term = g_unix_signal_add(SIGTERM, on_signal, d);
-    guint interrupt = g_unix_signal_add(SIGINT, on_signal, d);
+    g_unix_signal_add(SIGTERM, on_signal, d);
+    g_unix_signal_add(SIGINT, on_signal, d);
+    guint watchdog = ls_supervisor_watchdog();
     say_ready(d, ready_fd);
     g_main_loop_run(d->loop);
-    g_source_remove(term);
-    g_source_remove(interrupt);
-    g_main_loop_unref(d->loop);
+    ls_supervisor_stopping();
+    if (watchdog)
+        g_source_remove(watchdog);
 }
 
 int main(int argc, char **argv)
 {
     const struct options o = parse_options(argc, argv);
-    struct daemon d = {0};
+    struct daemon d = {.loop = g_main_loop_new(NULL, FALSE)};
     struct ls_diag diag = {0};
     signal(SIGPIPE, SIG_IGN);
     signal(SIGXFSZ, SIG_IGN); /* a write beyond a file size limit is an error of the store */
@@ -173,5 +179,6 @@ int main(int argc, char **argv)
     ls_engine_destroy(d.engine); /* first: a running take ends dark and tells its clients */
     ls_server_destroy(d.server);
     ls_config_destroy(d.config);
+    g_main_loop_unref(d.loop);
     return end(err ? EXIT_FAILURE : EXIT_SUCCESS);
 }

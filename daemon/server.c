@@ -85,8 +85,8 @@ static gboolean on_tick(gpointer data)
 enum ls_err ls_server_create(const struct ls_server_config *config, struct ls_engine *engine,
                              struct ls_server **out, struct ls_diag *diag)
 {
-    int fd = -1;
-    enum ls_err err = ls_listen_unix(config->socket_path, &fd, diag);
+    int fd = config->listener;
+    enum ls_err err = fd ? LS_OK : ls_listen_unix(config->socket_path, &fd, diag);
     if (err)
         return err;
     struct ls_server *server = g_new0(struct ls_server, 1);
@@ -127,7 +127,8 @@ void ls_server_destroy(struct ls_server *server)
         return;
     g_source_remove(server->accepting);
     g_source_remove(server->ticking);
-    unlink(server->socket_path);
+    if (!server->service.config.listener) /* else the path is not ours */
+        unlink(server->socket_path);
     close(server->fd);
     while (server->service.sessions)
         ls_session_shutdown(server->service.sessions->data);

@@ -19,6 +19,7 @@
 /** 0 = the default in brackets. Strings: (transfer none). */
 struct ls_server_config {
     const char *socket_path;
+    int listener;             /* a socket that listens there already, (transfer full) [make one] */
     const char *storage;      /* folder of the takes */
     unsigned max_connections; /* [64] */
     unsigned max_requests;    /* in flight on one connection [8] */

@@ -1,0 +1,87 @@
+#!/usr/bin/python3 -B
+"""lightstaged under a service manager's protocol: readiness, watchdog, a socket handed over."""
+import os
+import signal
+import socket
+import subprocess
+
+import harness
+from harness import stage
+
+
+def prepared(folder):
+    """A rig whose simulator runs and whose daemon is configured, not started."""
+    rig = harness.twelve(folder)
+    rig.start_simulator()
+    rig.write_configuration()
+    return rig
+
+
+def test_it_says_ready_beats_the_watchdog_and_says_when_it_stops(folder):
+    rig = prepared(folder)
+    with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as notify:
+        notify.bind(rig.path("notify"))
+        notify.settimeout(30)
+        rig.daemon = stage.Process(
+            rig.path("daemon.log"), rig.program("daemon/lightstaged"), "--config",
+            rig.path("daemon.conf"),
+            environment={"NOTIFY_SOCKET": rig.path("notify"), "WATCHDOG_USEC": "100000"})
+        said = [notify.recv(4096).decode() for _ in range(4)]
+        assert said[0].startswith("READY=1\nSTATUS="), said
+        assert said[1:] == 3 * ["WATCHDOG=1"], said
+        rig.daemon.child.send_signal(signal.SIGTERM)
+        while notify.recv(4096).decode() != "STOPPING=1":
+            pass
+        assert rig.daemon.stop() is None  # another SIGTERM changes nothing
+
+
+def test_the_first_client_starts_it_by_its_socket(folder):
+    activate = harness.need("systemd-socket-activate")
+    rig = prepared(folder)
+    with open(rig.path("daemon.log"), "w", encoding="utf-8") as log:
+        daemon = subprocess.Popen(
+            [activate, "-l", rig.path("socket"), rig.program("daemon/lightstaged"), "--config",
+             rig.path("daemon.conf")], stderr=log, stdin=subprocess.DEVNULL,
+            preexec_fn=stage.die_with_parent)
+    harness.wait_for("the socket is there", lambda: os.path.exists(rig.path("socket")))
+    assert rig.ask("status")["lights"]["connected"]
+    daemon.send_signal(signal.SIGTERM)
+    assert daemon.wait(30) == 0, stage.read(rig.path("daemon.log"))
+    assert os.path.exists(rig.path("socket")), "it removed a socket that is not its own"
+
+
+def test_a_socket_of_another_path_is_refused(folder):
+    activate = harness.need("systemd-socket-activate")
+    rig = prepared(folder)
+    other = rig.path("other")
+    daemon = subprocess.Popen(
+        [activate, "-l", other, rig.program("daemon/lightstaged"), "--config",
+         rig.path("daemon.conf")], stderr=subprocess.PIPE, stdin=subprocess.DEVNULL, text=True,
+        preexec_fn=stage.die_with_parent)
+    harness.wait_for("the socket is there", lambda: os.path.exists(other))
+    with socket.socket(socket.AF_UNIX) as client:
+        client.connect(other)
+        _, said = daemon.communicate(timeout=30)
+    assert daemon.returncode == 1 and "ListenStream=" in said, (daemon.returncode, said)
+
+
+def test_the_units_are_as_systemd_wants_them(folder):
+    analyze = harness.need("systemd-analyze")
+    units = os.path.join(folder, "units")
+    os.mkdir(units)
+    service = stage.read(os.path.join(harness.BUILD, "daemon", "lightstaged.service"))
+    lines = [f"ExecStart={harness.BUILD}/daemon/lightstaged --config /etc/lightstaged/daemon.conf"
+             if line.startswith("ExecStart=") else line for line in service.splitlines()]
+    assert any(line.startswith("ExecStart=") for line in lines)
+    stage.write(os.path.join(units, "lightstaged.service"), "\n".join(lines) + "\n")
+    stage.write(os.path.join(units, "lightstaged.socket"),
+                stage.read(os.path.join(harness.ROOT, "daemon", "lightstaged.socket")))
+    done = subprocess.run([analyze, "verify", "--man=no", "lightstaged.service",
+                           "lightstaged.socket"], cwd=units, capture_output=True, text=True,
+                          timeout=60, check=False, env={**os.environ, "SYSTEMD_UNIT_PATH": units + ":"})
+    ours = [line for line in done.stderr.splitlines() if "lightstaged" in line]
+    assert done.returncode == 0 and not ours, (done.returncode, done.stderr)
+
+
+if __name__ == "__main__":
+    harness.main(globals())
