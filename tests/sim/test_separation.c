@@ -82,28 +82,40 @@ static void test_elevations(void)
     polarised_field_finish(&f);
 }
 
-/* What stays in D of the highlights of a sphere of @radius_m, by the geometry alone, with the
- * factors that are assumed where nothing is known: the mean over separable lights. */
-static double assumed_leak(double radius_m, bool at_centre)
+/* a of light @d where a sphere beside the centre shows it. */
+static struct ls_polarisation shown(const float d[3], const double beside_m[3], double radius_m)
 {
+    struct ls_polarisation_path path = {.camera = {0, 0, 1.6}, .camera_up = {0, 1, 0}}, moved;
+    struct ls_polarisation a;
+    double point[3];
+    for (int k = 0; k < 3; k++)
+        path.light[k] = 1.35 * (double)d[k];
+    moved = path;
+    for (int k = 0; k < 3; k++) {
+        moved.light[k] -= beside_m[k];
+        moved.camera[k] -= beside_m[k];
+    }
+    g_assert_cmpint(ls_polarisation_highlight(&moved, radius_m, point, NULL), ==, LS_OK);
+    for (int k = 0; k < 3; k++)
+        point[k] += beside_m[k];
+    g_assert_cmpint(ls_polarisation_reflect(&path, point, LS_POLARISATION_INDEX, &a, NULL), ==,
+                    LS_OK);
+    return a;
+}
+
+/* What stays in D of the highlights of a sphere, by the geometry alone, with the factors of a
+ * sphere of @assumed_m at the centre: the mean over separable lights. */
+static double assumed_leak(const double beside_m[3], double radius_m, double assumed_m)
+{
+    static const double centre[3];
     struct polarised_field f;
     double sum = 0;
     uint32_t n = 0;
     polarised_field_init(&f, "gloss", 8, 346, 0);
     for (uint32_t i = 0; i < f.n_lights; i++) {
         const float *d = sim_scene_geometry(f.scene)->direction[i];
-        struct ls_polarisation_path path = {.camera = {0, 0, 1.6}, .camera_up = {0, 1, 0}};
-        struct ls_polarisation a, right;
-        double point[3];
-        for (int k = 0; k < 3; k++)
-            path.light[k] = 1.35 * (double)d[k];
-        g_assert_cmpint(ls_polarisation_highlight(&path, radius_m, point, NULL), ==, LS_OK);
-        g_assert_cmpint(ls_polarisation_reflect(&path, point, LS_POLARISATION_INDEX, &right, NULL),
-                        ==, LS_OK);
-        g_assert_cmpint(at_centre
-                            ? ls_polarisation_reflect(&path, NULL, LS_POLARISATION_INDEX, &a, NULL)
-                            : ls_polarisation_assume(&path, &a, NULL),
-                        ==, LS_OK);
+        struct ls_polarisation a = shown(d, centre, assumed_m);
+        struct ls_polarisation right = shown(d, beside_m, radius_m);
         if (d[2] < -0.9f || !ls_polarisation_separable(a)) /* behind the ball */
             continue;
         sum += fabs(2 * (right.h - a.h) / (a.v - a.h));
@@ -117,15 +129,29 @@ static double assumed_leak(double radius_m, bool at_centre)
  * right. */
 static void test_assumed(void)
 {
-    static const double radius_m[4] = {0, 0.05, 0.1, 0.15};
-    static const double most[4] = {0.09, 0.035, 0.035, 0.088};
-    for (int k = 0; k < 4; k++) {
-        double found = assumed_leak(radius_m[k], false), centre = assumed_leak(radius_m[k], true);
-        g_test_message("radius %.2f m: leak %.4f, with the centre's factors %.4f", radius_m[k],
-                       found, centre);
-        g_assert_cmpfloat(found, <, most[k]);
-        if (k > 0)
-            g_assert_cmpfloat(found, <, 0.5 * centre);
+    static const struct {
+        double beside_m[3], radius_m, most, of_centre_s;
+    } subjects[] = {{{0, 0, 0}, 0, 0.09, INFINITY},     {{0, 0, 0}, 0.05, 0.035, 0.5},
+                    {{0, 0, 0}, 0.1, 0.035, 0.5},       {{0, 0, 0}, 0.15, 0.088, 0.5},
+                    {{0.1, 0, 0}, 0.05, 0.072, 0.8},    {{0, 0.1, 0}, 0.05, 0.117, 0.9},
+                    {{-0.055, 0.055, 0}, 0.05, 0.09, 1}};
+    static const float light[3] = {0.36f, 0.48f, 0.8f};
+    const struct ls_polarisation_path path = {.light = {1.35 * 0.36, 1.35 * 0.48, 1.35 * 0.8},
+                                              .camera = {0, 0, 1.6},
+                                              .camera_up = {0, 1, 0}};
+    struct ls_polarisation a;
+    g_assert_cmpint(ls_polarisation_assume(&path, &a, NULL), ==, LS_OK);
+    g_assert_cmpfloat_with_epsilon(
+        a.v, shown(light, subjects[0].beside_m, LS_POLARISATION_SUBJECT_M).v, 1e-6); /* floats */
+    for (size_t k = 0; k < G_N_ELEMENTS(subjects); k++) {
+        const double *at = subjects[k].beside_m, r = subjects[k].radius_m;
+        double found = assumed_leak(at, r, LS_POLARISATION_SUBJECT_M);
+        double centre = assumed_leak(at, r, 0);
+        g_test_message("at (%g, %g, %g), radius %g m: leak %.4f, with the centre's factors %.4f",
+                       at[0], at[1], at[2], r, found, centre);
+        g_assert_cmpfloat(found, <, subjects[k].most);
+        if (isfinite(subjects[k].of_centre_s))
+            g_assert_cmpfloat(found, <=, subjects[k].of_centre_s * centre);
     }
 }
 
@@ -419,8 +445,9 @@ int main(int argc, char **argv)
     g_test_init(&argc, &argv, NULL);
     g_test_add_func("/separation/factors-hold-at-every-elevation-and-the-ideal-does-not",
                     test_elevations);
-    g_test_add_func("/separation/assumed-factors-leak-less-than-the-centre-s-from-5-cm-on",
-                    test_assumed);
+    g_test_add_func(
+        "/separation/assumed-factors-leak-less-than-the-centre-s-where-things-have-a-size",
+        test_assumed);
     g_test_add_func("/separation/v-and-h-swapped-are-caught", test_swap);
     g_test_add_func("/separation/measured-factors-agree-with-the-half-vector", test_measured);
     g_test_add_func("/separation/a-red-highlight-stays-white-and-metals-keep-their-colour",
