@@ -1,6 +1,5 @@
 /*
- * calibrate_result: measurements and what they cannot say, put together as a calibration; and the
- * report a person reads.
+ * calibrate_result: measurements and what they cannot say, put together as a calibration.
  * Layer: clients. Threads: the main thread. Ownership: as stated.
  */
 #ifndef LS_CLIENTS_CALIBRATE_RESULT_H
@@ -9,8 +8,6 @@
 #include "clients/calibrate_grey.h"
 #include "clients/calibrate_probe.h"
 #include "core/calibration.h"
-
-#include <jansson.h>
 
 /** What was measured. Chrome and gloss may be NULL. */
 struct ls_calibrate_measured {
@@ -39,13 +36,5 @@ LS_MUST_CHECK enum ls_err ls_calibrate_result(const struct ls_calibrate_measured
                                               struct ls_calibration **out,
                                               struct ls_calibrate_remarks *remarks,
                                               struct ls_diag *diag);
-
-/** Residuals, flags, factors and verdict as a table on stdout. */
-void ls_calibrate_print(const struct ls_calibration *calibration,
-                        const struct ls_calibrate_remarks *remarks);
-
-/** The same as one JSON object. (transfer full). */
-json_t *ls_calibrate_json(const struct ls_calibration *calibration,
-                          const struct ls_calibrate_remarks *remarks, const char *file);
 
 #endif

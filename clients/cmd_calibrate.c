@@ -1,6 +1,6 @@
 #include "clients/calibrate_grey.h"
 #include "clients/calibrate_probe.h"
-#include "clients/calibrate_result.h"
+#include "clients/calibrate_report.h"
 #include "clients/calibrate_shoot.h"
 #include "clients/calibrate_take.h"
 #include "clients/command.h"
