@@ -7,6 +7,7 @@ usage: tests/run [SUITE]       (tests/run installs what is missing, then starts 
   ci        the same with gcc, and the unit tests with clang under ASan and UBSan; warnings are errors
   full      also the long variants of the random tests
   sanitize  unit tests under AddressSanitizer and UndefinedBehaviorSanitizer
+  tsan      the daemon's unit tests under ThreadSanitizer
 """
 import json
 import os
@@ -99,7 +100,7 @@ def meson_test(folder, selection, env=None):
 
 def main():
     suite = sys.argv[1] if len(sys.argv) > 1 else "default"
-    if suite in ("-h", "--help") or suite not in ("default", "ci", "full", "sanitize"):
+    if suite in ("-h", "--help") or suite not in ("default", "ci", "full", "sanitize", "tsan"):
         print(__doc__)
         return 0 if suite in ("-h", "--help") else 2
     data = os.environ.get("LS_SHARED_DATA", os.path.join(ROOT, "..", "shared", "data"))
@@ -108,7 +109,11 @@ def main():
         env["LS_TEST_FULL"] = "1"
     strict = ["--werror"] if suite == "ci" else []
     jobs = []
-    if suite != "sanitize":
+    if suite == "tsan":
+        jobs.append(("build-tsan", ["-Db_sanitize=thread", "-Db_lundef=false"], "clang",
+                     ["--suite=daemon"]))
+        env["TSAN_OPTIONS"] = "halt_on_error=0"
+    elif suite != "sanitize":
         jobs.append(("build" if suite != "ci" else "build-ci", strict, "gcc", []))
     if suite in ("ci", "sanitize"):
         jobs.append(("build-sanitize", SANITIZE + strict, "clang", ["--no-suite=integration"]))
