@@ -274,6 +274,8 @@ enum ls_err ls_lights_arm(struct ls_lights *lights, struct ls_diag *diag)
     if (++rig->armed == 2)
         rig->pulses = 0;
     g_mutex_unlock(&rig->lock);
+    if (rig->options.armed)
+        rig->options.armed(true);
     return LS_OK;
 }
 
@@ -316,6 +318,8 @@ enum ls_err ls_lights_poll(struct ls_lights *lights, struct ls_lights_status *st
 
 enum ls_err ls_lights_blank(struct ls_lights *lights, struct ls_diag *diag)
 {
+    if (lights->rig->options.armed)
+        lights->rig->options.armed(false);
     g_mutex_lock(&lights->rig->lock);
     bool fails = lights->rig->options.blank_fails && lights->rig->armed > 1;
     blank(lights->rig);
@@ -509,6 +513,11 @@ void fake_rig_wait_released(struct fake_rig *rig, uint32_t n)
 uint32_t fake_rig_underruns(struct fake_rig *rig)
 {
     return rig->underruns;
+}
+
+GMutex *fake_rig_lock(struct fake_rig *rig)
+{
+    return &rig->lock;
 }
 
 bool fake_rig_is_dark(struct fake_rig *rig)

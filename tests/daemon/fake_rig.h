@@ -14,6 +14,7 @@
 #include "drivers/camera.h"
 #include "drivers/lights.h"
 
+#include <glib.h>
 #include <stdbool.h>
 #include <stdint.h>
 
@@ -54,6 +55,7 @@ struct fake_options {
     uint32_t frame_delay_us; /* from the end of exposure, default 2000 */
     unsigned char faults[FAKE_MAX_PULSES]; /* enum fake_fault */
     unsigned char warm_up_faults[FAKE_MAX_PULSES];
+    void (*armed)(bool now); /* called with true at every arm, with false at every blank; or NULL */
 };
 
 struct fake_rig;
@@ -71,6 +73,8 @@ void fake_rig_wait_released(struct fake_rig *rig, uint32_t n);
 /** A frame as above into @raw, with @black instead of BLACK. */
 void fake_rig_draw(void *raw, uint32_t pulse, int light, uint32_t width_us, double black,
                    double exposure_us);
+/** The lock that every function of the drivers' interfaces takes. */
+GMutex *fake_rig_lock(struct fake_rig *rig);
 bool fake_rig_is_dark(struct fake_rig *rig);
 /** Host time of the last lit pulse's start, ns. */
 uint64_t fake_rig_last_lit_ns(struct fake_rig *rig);
