@@ -82,15 +82,44 @@ static void unpack_8(const uint8_t *restrict in, size_t n, uint16_t *restrict ou
         out[i] = in[i];
 }
 
+static uint16_t lsb_sample(const uint8_t *in, unsigned bits, size_t k)
+{
+    const uint8_t *p = in + k * bits / 8;
+    return (uint16_t)(((unsigned)p[0] | (unsigned)p[1] << 8) >> k * bits % 8 & ((1u << bits) - 1));
+}
+
+/* Four samples, bits / 2 bytes, out of eight bytes that may be read. */
+static inline void unpack_four(const uint8_t *in, unsigned bits, uint16_t *out)
+{
+    uint64_t packed, wide = 0, mask = (1u << bits) - 1;
+
+    memcpy(&packed, in, sizeof packed);
+    for (unsigned k = 0; k < 4; k++)
+        wide |= (packed & mask << k * bits) << k * (16 - bits);
+    memcpy(out, &wide, sizeof wide);
+}
+
+/* @bits is a constant wherever this is inlined. */
+static inline size_t unpack_fours(const uint8_t *in, unsigned bits, size_t n, uint16_t *out)
+{
+    size_t i = 0;
+
+    for (; (n - i) * bits >= 64; i += 4)
+        unpack_four(in + i * bits / 8, bits, out + i);
+    return i;
+}
+
 static void unpack_lsb(const uint8_t *in, unsigned bits, size_t first, size_t n, uint16_t *out)
 {
-    unsigned mask = (1u << bits) - 1;
+    size_t i = 0;
 
-    for (size_t i = 0; i < n; i++) {
-        size_t bit = (first + i) * bits;
-        const uint8_t *p = in + bit / 8;
-        out[i] = (uint16_t)(((unsigned)p[0] | (unsigned)p[1] << 8) >> bit % 8 & mask);
-    }
+    for (; i < n && (first + i) % 4; i++)
+        out[i] = lsb_sample(in, bits, first + i);
+    const uint8_t *rest = in + (first + i) * bits / 8;
+    i += bits == 12 ? unpack_fours(rest, 12, n - i, out + i)
+                    : unpack_fours(rest, 10, n - i, out + i);
+    for (; i < n; i++)
+        out[i] = lsb_sample(in, bits, first + i);
 }
 
 static void pack_lsb(const uint16_t *in, unsigned bits, size_t first, size_t n, uint8_t *out)
