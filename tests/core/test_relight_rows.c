@@ -21,7 +21,6 @@ struct take {
 static void enter(struct take *take, const void *data)
 {
     const struct ls_tile_region all = {0, 0, 5, 4};
-    g_test_message("seed %d", g_test_rand_int()); /* the first of those that follow */
     take->field = (struct ls_field){.width = W,
                                     .height = H,
                                     .n_lights = LIGHTS,
