@@ -170,6 +170,21 @@ static enum ls_err demosaic(const struct pass *pass, const struct strip *strip, 
     return ls_demosaic(&source, strip->at, pass->job->method, target);
 }
 
+/* Is S so dark everywhere that the gate of core/conductor.h lets nothing through? Demosaicing makes
+ * at most 2.5 times a sample (core/demosaic_lanes.h) of it, and its noise is no less than that of a
+ * sample without light. */
+static bool is_dark(const struct pass *pass, const struct strip *strip, uint32_t k)
+{
+    struct ls_separated_terms terms = terms_of(pass, pass->group->light[k]);
+    const float *s = pass->group->s[k];
+    size_t n = (size_t)strip->window.width * strip->window.height;
+    float limit = 0.999f * LS_CONDUCTOR_SIGMA_FROM / 2.5f * sqrtf(terms.variance);
+    uint32_t brighter = 0;
+    for (size_t j = 0; j < n; j++)
+        brighter |= (s[j] > limit) | (s[j] < -limit);
+    return !brighter;
+}
+
 static enum ls_err find_metal(struct pass *pass, const struct strip *strip, uint32_t k)
 {
     struct group *g = pass->group;
@@ -213,17 +228,18 @@ static enum ls_err run_group(struct pass *pass, const struct strip *strip)
     struct group *g = pass->group;
     size_t n = (size_t)strip->at.width * strip->at.height;
     size_t n_window = (size_t)strip->window.width * strip->window.height;
-    bool any = false;
+    bool any = false, metal = false;
     for (uint32_t k = 0; k < g->n; k++) {
-        bool stored = load(pass, strip, k);
+        bool stored = load(pass, strip, k), shines = stored && !is_dark(pass, strip, k);
         enum ls_err err = LS_OK;
-        if (has_conductor(pass) && stored)
+        if (has_conductor(pass) && shines)
             err = find_metal(pass, strip, k);
         else if (has_conductor(pass))
             memset(g->metal[k], 0, sizeof g->metal[k]);
         if (err)
             return err;
         any |= stored;
+        metal |= shines;
     }
     if (!any)
         return LS_OK;
@@ -232,7 +248,7 @@ static enum ls_err run_group(struct pass *pass, const struct strip *strip)
         add_sums(pass, g->d[0], WINDOW_PX, n_window, WINDOW_PX, pass->diffuse);
     if (pass->out[1])
         add_sums(pass, g->s[0], WINDOW_PX, n_window, WINDOW_PX, pass->specular);
-    for (uint32_t c = 0; has_conductor(pass) && c < 3; c++)
+    for (uint32_t c = 0; has_conductor(pass) && metal && c < 3; c++)
         add_sums(pass, g->metal[0][c], 3 * STRIP_PX, n, 3 * STRIP_PX,
                  pass->conductor + c * STRIP_PX);
     return LS_OK;

@@ -29,7 +29,9 @@ struct fixture {
 
 static const double white[3] = {0.8, 1, 0.6};
 
-static uint16_t draw(struct fixture *f, struct noise *noise, bool hostile)
+/* Every fifth light is dark: half of them so that no share of conductor passes the gate anywhere,
+ * half a little brighter. */
+static uint16_t draw(struct fixture *f, struct noise *noise, uint32_t light, bool hostile)
 {
     static const uint16_t bad[] = {0x7c00, 0xfc00, 0x7e01, 0x7bff, 0xfbff, 1, 0x8001, 0x8000};
     if (hostile && noise_bits(noise) % 16 == 0) {
@@ -37,7 +39,8 @@ static uint16_t draw(struct fixture *f, struct noise *noise, bool hostile)
         f->hostile += (bits & 0x7c00) == 0x7c00;
         return bits;
     }
-    return ls_half_from_float((float)(0.1 * noise_normal(noise) + noise_uniform(noise)));
+    double level = light % 5 == 1 ? (light % 2 ? 1e-3 : 6e-2) : 1;
+    return ls_half_from_float((float)(level * (0.1 * noise_normal(noise) + noise_uniform(noise))));
 }
 
 static void fill_tile(struct fixture *f, struct noise *noise, uint32_t kind, uint32_t light,
@@ -48,7 +51,7 @@ static void fill_tile(struct fixture *f, struct noise *noise, uint32_t kind, uin
              h = MIN(LS_TILE_SIDE, f->field.height - y0);
     size_t n_px = (size_t)f->field.width * f->field.height;
     for (uint32_t j = 0; j < w * h; j++) {
-        uint16_t bits = draw(f, noise, hostile);
+        uint16_t bits = draw(f, noise, light, hostile);
         float value = ls_half_to_float(bits);
         memcpy(to + 2 * (size_t)j, &bits, 2);
         f->plain[kind][light * n_px + (y0 + j / w) * f->field.width + x0 + j % w] =
