@@ -109,6 +109,9 @@ struct ls_linear_error {
     uint64_t pixels;
 };
 
+/** *sum += *part. RT-safe. */
+void ls_linear_error_add(struct ls_linear_error *sum, const struct ls_linear_error *part);
+
 /**
  * sqrt((max(difference - noise, 0) + single) / total): relative RMS. 0 where nothing is added.
  * RT-safe.

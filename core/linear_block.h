@@ -55,6 +55,11 @@ const struct ls_linear_kernels *ls_linear_kernels(enum ls_isa isa);
 /** smoothstep((x - 4) / 6): how far a value of x sigma is trusted. RT-safe. */
 double ls_linear_trust(double snr);
 
+/** Is it a part of them? LS_ERR_INVALID, LS_ERR_STATE: those of ls_linear_fit. */
+LS_MUST_CHECK enum ls_err ls_linear_check_part(const struct ls_linear_pictures *pictures,
+                                               const struct ls_linear_part *part,
+                                               struct ls_diag *diag);
+
 /** Check pictures and options, and sum up. ls_linear_sums_finish also after an error. */
 LS_MUST_CHECK enum ls_err ls_linear_sums_init(const struct ls_linear_pictures *pictures,
                                               const struct ls_linear_options *options,

@@ -10,6 +10,15 @@ static double sum_of(const float *v, uint32_t n)
     return sum;
 }
 
+void ls_linear_error_add(struct ls_linear_error *sum, const struct ls_linear_error *part)
+{
+    sum->difference += part->difference;
+    sum->noise += part->noise;
+    sum->single += part->single;
+    sum->total += part->total;
+    sum->pixels += part->pixels;
+}
+
 double ls_linear_estimate(const struct ls_linear_error *e)
 {
     return e->total > 0 ? sqrt((fmax(e->difference - e->noise, 0) + e->single) / e->total) : 0;

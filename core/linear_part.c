@@ -63,8 +63,8 @@ static void predict_row(const struct work *w, uint32_t y)
     }
 }
 
-static enum ls_err check(const struct ls_linear_pictures *p, const struct ls_linear_part *part,
-                         struct ls_diag *diag)
+enum ls_err ls_linear_check_part(const struct ls_linear_pictures *p,
+                                 const struct ls_linear_part *part, struct ls_diag *diag)
 {
     if (!part->width || part->x >= p->width || part->width > p->width - part->x)
         return ls_fail(diag, LS_ERR_INVALID, "linear fit: columns %u + %u of %u px", part->x,
@@ -85,7 +85,7 @@ enum ls_err ls_linear_fit_with(const struct ls_linear_kernels *kernels,
                                const struct ls_linear_part *part, struct ls_diag *diag)
 {
     struct work w = {kernels, pictures, options, part, {0}};
-    enum ls_err err = check(pictures, part, diag);
+    enum ls_err err = ls_linear_check_part(pictures, part, diag);
     if (!err)
         err = ls_linear_sums_init(pictures, options, part->y, part->height, &w.sums, diag);
     for (uint32_t y = 0; y < part->height && !err && part->out; y++)

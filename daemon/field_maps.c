@@ -302,7 +302,7 @@ struct fits {
     struct ls_field_segments *segments[LS_FIELD_MAX_SPECTRA];
     struct entry made[LS_FIELD_MAX_SPECTRA];
     uint32_t inputs[LS_LINEAR_MAX_INPUTS];
-    double *phi;
+    double *phi, *others;
 };
 
 static const struct ls_light_set *set_of(const struct ls_field_source *source, uint32_t s)
@@ -393,12 +393,17 @@ static enum ls_err make_phi(struct fits *fits, struct ls_diag *diag)
     struct ls_linear_job *job = &fits->job;
     if (field->n_channels > 1 || job->n_sets > 1)
         return LS_OK;
-    fits->phi = calloc((size_t)field->n_lights * job->n_segments, sizeof *fits->phi);
-    if (!fits->phi)
+    job->phi = fits->phi = calloc((size_t)field->n_lights * job->n_segments, sizeof *fits->phi);
+    job->others = fits->others =
+        calloc((size_t)job->n_segments * job->n_segments, sizeof *fits->others);
+    if (!fits->phi || !fits->others)
         return ls_fail(diag, LS_ERR_NOMEM, "out of memory for %u segments", job->n_segments);
-    job->phi = fits->phi;
-    return ls_mono_blend_weights(field->directions, field->n_lights, job->segment, job->n_segments,
-                                 fits->phi, diag);
+    enum ls_err err = ls_mono_blend_weights(field->directions, field->n_lights, job->segment,
+                                            job->n_segments, fits->phi, diag);
+    if (!err && job->n_segments > 1)
+        ls_mono_blend_others(fits->phi, field->n_lights, job->segment, job->n_segments,
+                             fits->others);
+    return err;
 }
 
 static enum ls_err open_entry(struct fits *fits, uint32_t t, struct ls_diag *diag)
@@ -436,39 +441,78 @@ static void note_errors(const struct ls_field_source *source, const struct ls_li
         map->highlight_share = (double)target->highlights.pixels / (pixels * target->n_checks);
 }
 
-static enum ls_err fit(struct fits *fits, uint32_t s, struct ls_diag *diag)
+static enum ls_err fit(struct fits *fits, struct ls_diag *diag)
 {
     struct ls_linear_job *job = &fits->job;
-    enum ls_err err = choose_targets(fits, s, diag);
-    if (err)
-        return err;
-    job->n_segments = fits->segments[0]->n;
-    job->segment = fits->segments[0]->segment;
-    choose_inputs(fits, s);
-    err = make_phi(fits, diag);
+    enum ls_err err = make_phi(fits, diag);
     for (uint32_t t = 0; t < job->n_targets && !err; t++)
         err = open_entry(fits, t, diag);
     return err ? err : ls_linear_maps_make(job, diag);
+}
+
+static void settle_fits(struct fits *fits, enum ls_err err)
+{
+    struct entry *entry = fits->source->promoted->entry[LS_MAP_LINEAR];
+    for (uint32_t t = 0; t < fits->job.n_targets; t++) {
+        if (!err)
+            note_errors(fits->source, &fits->targets[t], &fits->made[t].map);
+        settle(fits->source, err, &fits->made[t], &entry[fits->targets[t].s]);
+    }
+    free(fits->phi);
+    free(fits->others);
+}
+
+/* Two spectra of a mono camera may tell less of a third than segments do: of each target the
+ * better is kept, by what is estimated of both. */
+static enum ls_err fit_or_blend(struct fits *fits, struct ls_diag *diag)
+{
+    struct ls_linear_job *job = &fits->job;
+    if (job->field->n_channels > 1 || job->n_sets == 1 || job->n_segments < 3)
+        return LS_OK;
+    struct fits *blend = malloc(sizeof *blend);
+    if (!blend)
+        return ls_fail(diag, LS_ERR_NOMEM, "out of memory for segments");
+    *blend = *fits;
+    memset(blend->made, 0, sizeof blend->made);
+    blend->job.targets = blend->targets;
+    blend->job.n_sets = 1;
+    enum ls_err err = fit(blend, diag);
+    for (uint32_t t = 0; t < job->n_targets; t++) {
+        bool better = !err && ls_linear_estimate(&blend->targets[t].left_out) <
+                                  ls_linear_estimate(&fits->targets[t].left_out);
+        entry_finish(better ? &fits->made[t] : &blend->made[t]);
+        if (!better)
+            continue;
+        fits->made[t] = blend->made[t];
+        fits->targets[t] = blend->targets[t];
+    }
+    free(blend->phi);
+    free(blend->others);
+    free(blend);
+    return err;
 }
 
 static enum ls_err make_linear(struct ls_field_source *source, uint32_t s,
                                const struct ls_job *asker, struct ls_diag *diag)
 {
     struct fits *fits = calloc(1, sizeof *fits);
-    struct entry *entry = source->promoted->entry[LS_MAP_LINEAR];
     if (!fits)
         return ls_fail(diag, LS_ERR_NOMEM, "out of memory for segments");
     fits->source = source;
     fits->job = (struct ls_linear_job){
         .field = &source->field, .targets = fits->targets, .crew = {ls_crew_threads(), asker}};
-    enum ls_err err = fit(fits, s, diag);
-    for (uint32_t t = 0; t < fits->job.n_targets; t++) {
-        free(fits->segments[t]);
-        if (!err)
-            note_errors(source, &fits->targets[t], &fits->made[t].map);
-        settle(source, err, &fits->made[t], &entry[fits->targets[t].s]);
+    enum ls_err err = choose_targets(fits, s, diag);
+    if (!err) {
+        fits->job.n_segments = fits->segments[0]->n;
+        fits->job.segment = fits->segments[0]->segment;
+        choose_inputs(fits, s);
+        err = fit(fits, diag);
     }
-    free(fits->phi);
+    if (!err)
+        err = fit_or_blend(fits, diag);
+    settle_fits(fits, err);
+    for (uint32_t t = 0; t < fits->job.n_targets; t++)
+        free(fits->segments[t]);
     free(fits);
     return err;
 }

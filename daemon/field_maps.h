@@ -19,7 +19,8 @@ enum ls_field_map_kind {
     LS_MAP_SPHERE,    /* Eq. 1, the field under the spectrum's own strengths as denominator */
     LS_MAP_PAPER,     /* Eq. 1, the photographed white sphere as denominator */
     LS_MAP_HEADLIGHT, /* Eq. 2 */
-    LS_MAP_LINEAR,    /* core/linear.h; mono with one spectrum per light: core/mono_blend.h */
+    LS_MAP_LINEAR, /* core/linear.h; mono: core/mono_blend.h, unless the matrix of several spectra
+                      is estimated to be less off */
     LS_MAP_SEPARATED, /* core/separate.h's remainder; + 1: ideal polarisation, + 2: plain conductors
                        */
     LS_MAP_KINDS = LS_MAP_SEPARATED + 4,
@@ -33,8 +34,7 @@ struct ls_field_map {
     uint32_t n_inputs;      /* 0: a blend of ratios */
     uint32_t inputs[6];     /* spectra of which each light was photographed; white first */
     double *phi;            /* blend: [n_lights][n_segments] */
-    double left_out_error;  /* ls_linear_estimate of segments predicted from the others; matrices
-                               only */
+    double left_out_error;  /* ls_linear_estimate of segments predicted from the others */
     double left_out_share;  /* of the picture's pixels it rests on; 0 = no estimate */
     uint32_t n_checked;     /* lights photographed alone too, up to LS_LINEAR_MAX_CHECKS */
     double checked_error;   /* relative RMS of what the map makes of them, all pixels */

@@ -256,17 +256,35 @@ static uint32_t first_of_step(uint32_t x)
     return (LS_LINEAR_ERROR_STEP - x % LS_LINEAR_ERROR_STEP) % LS_LINEAR_ERROR_STEP;
 }
 
+/* The rectangle that is wanted, its map of @depth values a pixel. */
+static struct ls_linear_part part_of(const struct pass *pass, const struct piece *piece,
+                                     size_t depth, struct ls_linear_error *error)
+{
+    const struct ls_linear_job *job = pass->job;
+    const struct ls_demosaic_region *wanted = &piece->wanted, *padded = &piece->padded;
+    size_t stride = job->field->width * depth;
+    return (struct ls_linear_part){.x = wanted->x - padded->x,
+                                   .y = wanted->y - padded->y,
+                                   .width = wanted->width,
+                                   .height = wanted->height,
+                                   .out = target_of(pass, piece)->map + wanted->y * stride +
+                                          wanted->x * depth,
+                                   .out_stride = stride,
+                                   .step = job->n_segments > 2 ? LS_LINEAR_ERROR_STEP : 0,
+                                   .first_x = first_of_step(wanted->x),
+                                   .first_y = first_of_step(wanted->y),
+                                   .error = error};
+}
+
 static enum ls_err fit_matrices(const struct pass *pass, const struct room *room,
                                 const struct piece *piece, struct ls_linear_error *error,
                                 struct ls_diag *diag)
 {
     const struct ls_linear_job *job = pass->job;
-    const struct ls_linear_target *target = target_of(pass, piece);
     const struct noises *noise = &pass->noise[piece->t];
-    const struct ls_demosaic_region *wanted = &piece->wanted, *padded = &piece->padded;
     struct ls_linear_options options;
-    const struct ls_linear_pictures pictures = {.width = padded->width,
-                                                .height = padded->height,
+    const struct ls_linear_pictures pictures = {.width = piece->padded.width,
+                                                .height = piece->padded.height,
                                                 .n_segments = job->n_segments,
                                                 .n_lights = job->field->n_lights,
                                                 .n_in = pass->n_in,
@@ -277,52 +295,37 @@ static enum ls_err fit_matrices(const struct pass *pass, const struct room *room
                                                 .f_noise = noise->f,
                                                 .total_noise = noise->total,
                                                 .p_in = job->p_in,
-                                                .p_out = job->field->p + target->s * pass->colours,
+                                                .p_out = job->field->p +
+                                                         target_of(pass, piece)->s * pass->colours,
                                                 .inputs = {0, 1, 2},
                                                 .demosaiced = pass->colours > 1};
-    size_t size = (size_t)pass->colours * pass->n_in, stride = job->field->width * size;
-    const struct ls_linear_part part = {.x = wanted->x - padded->x,
-                                        .y = wanted->y - padded->y,
-                                        .width = wanted->width,
-                                        .height = wanted->height,
-                                        .out = target->map + wanted->y * stride + wanted->x * size,
-                                        .out_stride = stride,
-                                        .step = job->n_segments > 2 ? LS_LINEAR_ERROR_STEP : 0,
-                                        .first_x = first_of_step(wanted->x),
-                                        .first_y = first_of_step(wanted->y),
-                                        .error = error};
+    const struct ls_linear_part part =
+        part_of(pass, piece, (size_t)pass->colours * pass->n_in, error);
     ls_linear_options_default(&options);
     return ls_linear_fit(&pictures, &options, &part, diag);
 }
 
 static enum ls_err blend_ratios(const struct pass *pass, const struct room *room,
-                                const struct piece *piece, struct ls_diag *diag)
+                                const struct piece *piece, struct ls_linear_error *error,
+                                struct ls_diag *diag)
 {
     const struct ls_linear_job *job = pass->job;
-    const struct ls_linear_target *target = target_of(pass, piece);
     const struct noises *noise = &pass->noise[piece->t];
-    const struct ls_demosaic_region *wanted = &piece->wanted, *padded = &piece->padded;
-    const struct ls_mono_blend_pictures pictures = {.width = padded->width,
-                                                    .height = padded->height,
-                                                    .n_segments = job->n_segments,
-                                                    .v = (const float *const *)room->v,
-                                                    .u = (const float *const *)room->u,
-                                                    .f = (const float *const *)room->f,
-                                                    .v_noise = noise->v,
-                                                    .total_noise = noise->total,
-                                                    .neutral =
-                                                        job->field->p[target->s] / job->p_in[0]};
-    size_t n = job->n_segments, row = padded->width * n;
-    LS_CLEANUP_FREE float *ratios = malloc(wanted->height * row * sizeof *ratios);
-    if (!ratios)
-        return ls_fail(diag, LS_ERR_NOMEM, "out of memory for %zu ratios", n);
-    enum ls_err err =
-        ls_mono_blend_ratios(&pictures, wanted->y - padded->y, wanted->height, ratios, diag);
-    for (uint32_t y = 0; y < wanted->height && !err; y++)
-        for (size_t k = 0; k < wanted->width * n; k++)
-            target->map[((size_t)(wanted->y + y) * job->field->width + wanted->x) * n + k] =
-                ratios[y * row + (wanted->x - padded->x) * n + k];
-    return err;
+    const struct ls_mono_blend_pictures pictures = {
+        .width = piece->padded.width,
+        .height = piece->padded.height,
+        .n_segments = job->n_segments,
+        .n_lights = job->field->n_lights,
+        .v = (const float *const *)room->v,
+        .u = (const float *const *)room->u,
+        .f = (const float *const *)room->f,
+        .v_noise = noise->v,
+        .f_noise = noise->f,
+        .total_noise = noise->total,
+        .neutral = job->field->p[target_of(pass, piece)->s] / job->p_in[0],
+        .others = job->others};
+    const struct ls_linear_part part = part_of(pass, piece, job->n_segments, error);
+    return ls_mono_blend_fit(&pictures, &part, diag);
 }
 
 static enum ls_err fit_piece(void *user, uint32_t item, unsigned thread, struct ls_diag *diag)
@@ -335,7 +338,7 @@ static enum ls_err fit_piece(void *user, uint32_t item, unsigned thread, struct 
     if (fill_planes(pass, room, &piece))
         return ls_fail(diag, LS_ERR_INVALID, "rows %u to %u cannot be demosaiced", pass->y0,
                        pass->y1);
-    enum ls_err err = pass->job->phi ? blend_ratios(pass, room, &piece, diag)
+    enum ls_err err = pass->job->phi ? blend_ratios(pass, room, &piece, &errors->left_out, diag)
                                      : fit_matrices(pass, room, &piece, &errors->left_out, diag);
     const struct ls_linear_check check = {.job = pass->job,
                                           .target = target_of(pass, &piece),
@@ -347,14 +350,6 @@ static enum ls_err fit_piece(void *user, uint32_t item, unsigned thread, struct 
 
 /* ---- bands ---- */
 
-static void add(struct ls_linear_error *sum, const struct ls_linear_error *part)
-{
-    sum->difference += part->difference;
-    sum->noise += part->noise;
-    sum->total += part->total;
-    sum->pixels += part->pixels;
-}
-
 static enum ls_err fit_band(struct pass *pass, struct ls_diag *diag)
 {
     const struct ls_linear_job *job = pass->job;
@@ -362,9 +357,9 @@ static enum ls_err fit_band(struct pass *pass, struct ls_diag *diag)
     enum ls_err err = ls_crew_run(&job->crew, n, fit_piece, pass, diag);
     for (uint32_t item = 0; item < n && !err; item++) {
         struct ls_linear_target *target = &job->targets[pass->sums.first + item / pass->n_pieces];
-        add(&target->left_out, &pass->errors[item].left_out);
-        add(&target->checked, &pass->errors[item].checked);
-        add(&target->highlights, &pass->errors[item].highlights);
+        ls_linear_error_add(&target->left_out, &pass->errors[item].left_out);
+        ls_linear_error_add(&target->checked, &pass->errors[item].checked);
+        ls_linear_error_add(&target->highlights, &pass->errors[item].highlights);
     }
     return err;
 }

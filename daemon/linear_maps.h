@@ -34,7 +34,7 @@ struct ls_linear_target {
     uint32_t n_checks, checks[LS_LINEAR_MAX_CHECKS];
     /* filled: */
     struct ls_linear_error left_out; /* every LS_LINEAR_ERROR_STEP-th pixel and row of the picture;
-                                        matrices of at least three segments */
+                                        at least three segments */
     struct ls_linear_error checked, highlights; /* ls_linear_check_light, every pixel */
 };
 
@@ -45,8 +45,9 @@ struct ls_linear_job {
     uint32_t n_sets;
     const struct ls_light_set *set[LS_LINEAR_MAX_INPUTS]; /* white first */
     double p_in[LS_LINEAR_MAX_INPUTS];                    /* [n_sets][n_channels] */
-    const double *phi; /* [n_lights][n_segments]: a blend, of one set of a mono camera; NULL = a
-                          matrix */
+    const double *phi;    /* [n_lights][n_segments]: a blend, of one set of a mono camera; NULL = a
+                             matrix */
+    const double *others; /* beside phi: ls_mono_blend_others */
     uint32_t n_targets;
     struct ls_linear_target *targets;
     struct ls_crew crew;

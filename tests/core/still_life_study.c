@@ -22,7 +22,7 @@ struct pictures {
     float *v[MAX_SEGMENTS], *f[MAX_SEGMENTS], *u[MAX_SEGMENTS];
     struct ls_linear_noise v_noise[MAX_SEGMENTS], f_noise[MAX_SEGMENTS], total_noise;
     double p_in[LS_LINEAR_MAX_INPUTS];
-    double phi[LIGHTS * MAX_SEGMENTS];
+    double phi[LIGHTS * MAX_SEGMENTS], others[MAX_SEGMENTS * MAX_SEGMENTS];
 };
 
 static struct ls_linear_noise sum_noise(const struct still_life_camera *camera, const double *g,
@@ -76,6 +76,8 @@ static void take_segments(const struct still_life *w, const struct still_life_ca
     g_assert_cmpint(ls_segments_partition(d, LIGHTS, n_segments, p->segment, NULL), ==, LS_OK);
     g_assert_cmpint(ls_mono_blend_weights(d, LIGHTS, p->segment, n_segments, p->phi, NULL), ==,
                     LS_OK);
+    if (n_segments > 1)
+        ls_mono_blend_others(p->phi, LIGHTS, p->segment, n_segments, p->others);
     if (model == STILL_LIFE_HEAD)
         light_the_head(w, p->segment);
     for (uint32_t g = 0; g < n_segments; g++) {
@@ -257,31 +259,31 @@ static void blend_light(const struct still_life *w, const struct pictures *p, co
 }
 
 static void fit(const struct still_life_study *x, enum still_life_model model,
-                const struct pictures *p, int s, float *map, struct still_life_row *row)
+                const struct pictures *p, int s, float *map, struct ls_linear_error *error)
 {
     const struct still_life *w = x->world;
     struct ls_diag diag = {0};
+    const struct ls_linear_part all = {
+        .width = w->side, .height = w->side, .out = map, .step = p->n_segments > 2, .error = error};
     if (model == STILL_LIFE_BLEND) {
         const struct ls_mono_blend_pictures blend = {.width = w->side,
                                                      .height = w->side,
                                                      .n_segments = p->n_segments,
+                                                     .n_lights = LIGHTS,
                                                      .v = (const float *const *)p->v,
                                                      .u = (const float *const *)p->u,
                                                      .f = (const float *const *)p->f,
                                                      .v_noise = p->v_noise,
+                                                     .f_noise = p->f_noise,
                                                      .total_noise = p->total_noise,
-                                                     .neutral = w->p[s][0] / w->p[0][0]};
-        g_assert_cmpint(ls_mono_blend_ratios(&blend, 0, w->side, map, &diag), ==, LS_OK);
+                                                     .neutral = w->p[s][0] / w->p[0][0],
+                                                     .others = p->others};
+        g_assert_cmpint(ls_mono_blend_fit(&blend, &all, &diag), ==, LS_OK);
         return;
     }
     struct ls_linear_pictures pictures = linear_pictures(w, &x->camera, p, s);
     struct ls_linear_options options;
     ls_linear_options_default(&options);
-    const struct ls_linear_part all = {.width = w->side,
-                                       .height = w->side,
-                                       .out = map,
-                                       .step = p->n_segments > 2,
-                                       .error = &row->left_out};
     g_assert_cmpint(ls_linear_fit(&pictures, &options, &all, &diag), ==, LS_OK);
 }
 
@@ -310,31 +312,72 @@ static bool is_photographed(const struct still_life_inputs *inputs, int s)
     return false;
 }
 
+/* Fit one spectrum and hold it against the truth. */
+static void judge_spectrum(const struct still_life_study *x, enum still_life_model model,
+                           const struct still_life_inputs *inputs, uint32_t n_segments, int s,
+                           struct still_life_row *row)
+{
+    const struct still_life *w = x->world;
+    uint32_t n_in = (uint32_t)inputs->n * w->colours;
+    uint32_t depth = model == STILL_LIFE_BLEND ? n_segments : n_in * w->colours;
+    g_autofree float *map = g_new(float, (size_t)w->side * w->side * depth);
+    struct pictures p;
+    take_segments(w, &x->camera, (float *const *)x->noisy, inputs, s, model, n_segments, &p);
+    fit(x, model, &p, s, map, &row->left_out);
+    promote(x, model, &p, inputs, (float *const *)x->clean, s, map, &row->promotion);
+    promote(x, model, &p, inputs, (float *const *)x->noisy, s, map, &row->served);
+    free_pictures(&p);
+}
+
+static void add_errors(struct still_life_errors *sum, const struct still_life_errors *e)
+{
+    add_sums(&sum->field, e->field.difference, e->field.truth);
+    add_sums(&sum->inter, e->inter.difference, e->inter.truth);
+    add_sums(&sum->highlight, e->highlight.difference, e->highlight.truth);
+    sum->shadow += e->shadow;
+    sum->n_shadow += e->n_shadow;
+}
+
+static void add_row(struct still_life_row *sum, const struct still_life_row *row)
+{
+    add_errors(&sum->promotion, &row->promotion);
+    add_errors(&sum->served, &row->served);
+    ls_linear_error_add(&sum->left_out, &row->left_out);
+}
+
+/* Each spectrum by what its estimate prefers, as a take is served. */
+static void judge_better(const struct still_life_study *x, const struct still_life_inputs *inputs,
+                         uint32_t n_segments, int s, struct still_life_row *row)
+{
+    static const struct still_life_inputs white = {1, {0}};
+    struct still_life_row matrix = {0}, blend = {0};
+    judge_spectrum(x, STILL_LIFE_LINEAR, inputs, n_segments, s, &matrix);
+    judge_spectrum(x, STILL_LIFE_BLEND, &white, n_segments, s, &blend);
+    bool better = ls_linear_estimate(&blend.left_out) < ls_linear_estimate(&matrix.left_out);
+    g_test_message(
+        "%d: matrix %.3f estimated %.3f, blend %.3f estimated %.3f", s,
+        still_life_percent(&matrix.served.field), 100 * ls_linear_estimate(&matrix.left_out),
+        still_life_percent(&blend.served.field), 100 * ls_linear_estimate(&blend.left_out));
+    add_row(row, better ? &blend : &matrix);
+}
+
 struct still_life_row still_life_judge(const struct still_life_study *x,
                                        enum still_life_model model,
                                        const struct still_life_inputs *inputs, uint32_t n_segments)
 {
     const struct still_life *w = x->world;
-    size_t pixels = (size_t)w->side * w->side;
     struct still_life_row row = {0};
-    uint32_t n_in = (uint32_t)inputs->n * w->colours;
-    uint32_t per_pixel = model == STILL_LIFE_BLEND ? n_segments : n_in * w->colours;
-    g_autofree float *map = g_new(float, pixels *per_pixel);
     for (int s = 1; s < SPECTRA; s++) {
-        if (is_photographed(inputs, s)) { /* selected, not fitted */
+        if (is_photographed(inputs, s)) /* selected, not fitted */
             for (uint32_t i = 0; i < LIGHTS; i++) {
                 const float *truth = x->clean[s] + i * w->n;
                 compare(x, i, truth, truth, &row.promotion);
                 compare(x, i, x->noisy[s] + i * w->n, truth, &row.served);
             }
-            continue;
-        }
-        struct pictures p;
-        take_segments(w, &x->camera, (float *const *)x->noisy, inputs, s, model, n_segments, &p);
-        fit(x, model, &p, s, map, &row);
-        promote(x, model, &p, inputs, (float *const *)x->clean, s, map, &row.promotion);
-        promote(x, model, &p, inputs, (float *const *)x->noisy, s, map, &row.served);
-        free_pictures(&p);
+        else if (model == STILL_LIFE_BETTER)
+            judge_better(x, inputs, n_segments, s, &row);
+        else
+            judge_spectrum(x, model, inputs, n_segments, s, &row);
     }
     return row;
 }

@@ -39,6 +39,7 @@ struct still_life_row {
 enum still_life_model {
     STILL_LIFE_LINEAR, /* core/linear.h; one segment: Eq. 1 */
     STILL_LIFE_BLEND,  /* core/mono_blend.h */
+    STILL_LIFE_BETTER, /* mono: each spectrum by the one of these two that is estimated better */
     STILL_LIFE_HEAD,   /* Eq. 2: the lights nearest the camera in place of the full sphere */
 };
 

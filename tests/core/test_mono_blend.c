@@ -5,14 +5,14 @@
 #include <math.h>
 #include <string.h>
 
-enum { LIGHTS = 150, G = 6, W = 19, H = 31, PIXELS = W * H };
+enum { LIGHTS = 150, G = 6, W = 19, H = 31, PIXELS = W * H, SEED = 5 };
 
 /** A surface whose ratio changes with the light's direction, under LIGHTS lights. */
 struct fixture {
     GRand *rand;
     float directions[LIGHTS][3];
     uint32_t segment[LIGHTS];
-    double phi[LIGHTS * G];
+    double phi[LIGHTS * G], others[G * G];
     float white[LIGHTS][PIXELS], colour[LIGHTS][PIXELS];
     float v[G][PIXELS], u[G][PIXELS], f[G][PIXELS];
     const float *vs[G], *us[G], *fs[G];
@@ -23,7 +23,8 @@ struct fixture {
 
 static void set_up(struct fixture *x, double slope)
 {
-    x->rand = g_rand_new_with_seed(5);
+    x->rand = g_rand_new_with_seed(SEED);
+    g_test_message("seed %d", SEED);
     for (int i = 0; i < LIGHTS; i++) {
         double z = 1 - (2 * i + 1.0) / LIGHTS, r = sqrt(1 - z * z), a = i * 2.399963229728653;
         memcpy(x->directions[i], (float[3]){(float)(r * cos(a)), (float)(r * sin(a)), (float)z},
@@ -36,6 +37,7 @@ static void set_up(struct fixture *x, double slope)
     const float(*d)[3] = (const float(*)[3])x->directions;
     g_assert_cmpint(ls_segments_partition(d, LIGHTS, G, x->segment, NULL), ==, LS_OK);
     g_assert_cmpint(ls_mono_blend_weights(d, LIGHTS, x->segment, G, x->phi, NULL), ==, LS_OK);
+    ls_mono_blend_others(x->phi, LIGHTS, x->segment, G, x->others);
     memset(x->v, 0, sizeof x->v);
     memset(x->u, 0, sizeof x->u);
     memset(x->f, 0, sizeof x->f);
@@ -55,11 +57,14 @@ static void set_up(struct fixture *x, double slope)
     x->pictures = (struct ls_mono_blend_pictures){.width = W,
                                                   .height = H,
                                                   .n_segments = G,
+                                                  .n_lights = LIGHTS,
                                                   .v = x->vs,
                                                   .u = x->us,
                                                   .f = x->fs,
                                                   .v_noise = x->noise,
-                                                  .neutral = 0.5};
+                                                  .f_noise = x->noise,
+                                                  .neutral = 0.5,
+                                                  .others = x->others};
 }
 
 static void tear_down(struct fixture *x)
@@ -70,7 +75,8 @@ static void tear_down(struct fixture *x)
 
 static void blend(struct fixture *x)
 {
-    g_assert_cmpint(ls_mono_blend_ratios(&x->pictures, 0, H, x->r, NULL), ==, LS_OK);
+    const struct ls_linear_part all = {.width = W, .height = H, .out = x->r};
+    g_assert_cmpint(ls_mono_blend_fit(&x->pictures, &all, NULL), ==, LS_OK);
 }
 
 static void test_weights_are_a_smooth_partition_of_unity(void)
@@ -197,7 +203,8 @@ static void test_any_band_has_the_bits_of_the_whole(void)
     band.f = f;
     band.height = 3 + 2 * LS_LINEAR_HALO_PX;
     float r[3 * W * G];
-    g_assert_cmpint(ls_mono_blend_ratios(&band, LS_LINEAR_HALO_PX, 3, r, NULL), ==, LS_OK);
+    const struct ls_linear_part part = {.y = LS_LINEAR_HALO_PX, .width = W, .height = 3, .out = r};
+    g_assert_cmpint(ls_mono_blend_fit(&band, &part, NULL), ==, LS_OK);
     g_assert_cmpmem(r, sizeof r, x->r + first * W * G, sizeof r);
     tear_down(x);
 }
@@ -269,6 +276,80 @@ static void test_a_segment_without_light_takes_the_spheres_ratio(void)
     tear_down(x);
 }
 
+/* The same everywhere, so that no neighbour has another signal: only the noise changes. */
+static void test_ratios_fade_as_the_light_does(void)
+{
+    struct fixture *x = g_new0(struct fixture, 1);
+    set_up(x, 0.3);
+    double v = 0;
+    for (int g = 0; g < G; g++) {
+        for (int j = 1; j < PIXELS; j++) {
+            x->v[g][j] = x->v[g][0];
+            x->u[g][j] = x->u[g][0];
+            x->f[g][j] = x->f[g][0];
+        }
+        v += (double)x->v[g][0];
+    }
+    float last[G];
+    double widest = 0, moved = 0;
+    for (double snr = 12; snr > 3; snr *= 0.998) {
+        x->pictures.total_noise.floor = pow(v / snr, 2);
+        blend(x);
+        const float *r = x->r + (size_t)(H / 2 * W + W / 2) * G;
+        for (int g = 0; g < G && snr < 12; g++) {
+            widest = fmax(widest, fabs((double)(r[g] - last[g])));
+            moved = fmax(moved, fabs((double)(r[g] - x->f[g][0] / x->v[g][0])));
+        }
+        memcpy(last, r, sizeof last);
+    }
+    /* smoothstep's slope is 1.5 over 6 sigma, of which a step is at most 0.02, and n and the ratio
+     * fade at once: 1 % of what fades in all; a jump would be all of it */
+    g_assert_cmpfloat(moved, >, 0.05);
+    g_assert_cmpfloat(widest, <, 0.02 * moved);
+    tear_down(x);
+}
+
+static void test_others_are_the_rest_of_the_blend(void)
+{
+    struct fixture *x = g_new0(struct fixture, 1);
+    set_up(x, 0);
+    for (int g = 0; g < G; g++) {
+        double sum = 0;
+        g_assert_cmpfloat(x->others[g * G + g], ==, 0);
+        for (int h = 0; h < G; h++) {
+            g_assert_cmpfloat(x->others[g * G + h], >=, 0);
+            sum += x->others[g * G + h];
+        }
+        g_assert_cmpfloat_with_epsilon(sum, 1, 1e-14);
+    }
+    tear_down(x);
+}
+
+static void test_what_is_left_out_tells_the_error(void)
+{
+    struct fixture *x = g_new0(struct fixture, 1);
+    for (int k = 0; k < 2; k++) {
+        struct ls_linear_error e = {0};
+        set_up(x, k ? 0.3 : 0);
+        const struct ls_linear_part some = {.width = W,
+                                            .height = H,
+                                            .out = x->r,
+                                            .step = 3,
+                                            .first_x = 1,
+                                            .first_y = 2,
+                                            .error = &e};
+        g_assert_cmpint(ls_mono_blend_fit(&x->pictures, &some, NULL), ==, LS_OK);
+        g_assert_cmpuint(e.pixels, ==, 6 * 10);
+        double truth = field_error(x, true), estimate = ls_linear_estimate(&e);
+        g_test_message("off by %.4f, estimated %.4f", truth, estimate);
+        /* floats of sums; six segments are so wide that the nearest other one is far off */
+        g_assert_cmpfloat(estimate, >=, k ? truth : 0);
+        g_assert_cmpfloat(estimate, <=, k ? 3 * truth : 3e-6);
+        g_rand_free(x->rand);
+    }
+    g_free(x);
+}
+
 static void test_what_is_no_blend_is_refused(void)
 {
     struct fixture *x = g_new0(struct fixture, 1);
@@ -278,10 +359,15 @@ static void test_what_is_no_blend_is_refused(void)
                     LS_ERR_INVALID);
     g_assert_cmpint(ls_mono_blend_weights(d, LIGHTS, x->segment, 2, x->phi, NULL), ==,
                     LS_ERR_INVALID);
+    struct ls_linear_part part = {.width = W, .height = H, .out = x->r};
     x->pictures.neutral = 0;
-    g_assert_cmpint(ls_mono_blend_ratios(&x->pictures, 0, H, x->r, NULL), ==, LS_ERR_INVALID);
+    g_assert_cmpint(ls_mono_blend_fit(&x->pictures, &part, NULL), ==, LS_ERR_INVALID);
     x->pictures.neutral = 1;
-    g_assert_cmpint(ls_mono_blend_ratios(&x->pictures, 1, H, x->r, NULL), ==, LS_ERR_INVALID);
+    part.y = 1;
+    g_assert_cmpint(ls_mono_blend_fit(&x->pictures, &part, NULL), ==, LS_ERR_INVALID);
+    part = (struct ls_linear_part){.width = W, .height = H, .out = x->r, .step = 1};
+    x->pictures.n_segments = 2;
+    g_assert_cmpint(ls_mono_blend_fit(&x->pictures, &part, NULL), ==, LS_ERR_STATE);
     tear_down(x);
 }
 
@@ -305,6 +391,12 @@ int main(int argc, char **argv)
                     test_the_result_is_finite_whatever_comes);
     g_test_add_func("/mono-blend/a-segment-without-light-takes-the-spheres-ratio",
                     test_a_segment_without_light_takes_the_spheres_ratio);
+    g_test_add_func("/mono-blend/ratios-fade-as-the-light-does",
+                    test_ratios_fade_as_the_light_does);
+    g_test_add_func("/mono-blend/others-are-the-rest-of-the-blend",
+                    test_others_are_the_rest_of_the_blend);
+    g_test_add_func("/mono-blend/what-is-left-out-tells-the-error",
+                    test_what_is_left_out_tells_the_error);
     g_test_add_func("/mono-blend/what-is-no-blend-is-refused", test_what_is_no_blend_is_refused);
     return g_test_run();
 }

@@ -226,14 +226,22 @@ static void test_mono_blends_and_fits(void)
     struct still_life_row blend = judge_and_print(&x, STILL_LIFE_BLEND, &white_alone, 14, "mono W");
     if (full())
         judge_and_print(&x, STILL_LIFE_BLEND, &white_alone, 26, "mono W");
-    struct still_life_row linear = judge_and_print(&x, STILL_LIFE_LINEAR, &two, 14, "mono W G");
-    struct still_life_row third = judge_and_print(&x, STILL_LIFE_LINEAR, &three, 14, "mono W R B");
+    struct still_life_row linear = judge_and_print(&x, STILL_LIFE_BETTER, &two, 14, "mono W G");
+    struct still_life_row third = judge_and_print(&x, STILL_LIFE_BETTER, &three, 14, "mono W R B");
     g_assert_cmpfloat(still_life_percent(&blend.promotion.field), <,
                       still_life_percent(&eq1.promotion.field));
     g_assert_cmpfloat(still_life_percent(&linear.promotion.field), <,
                       still_life_percent(&eq1.promotion.field));
     g_assert_cmpfloat(still_life_percent(&third.promotion.field), <,
                       still_life_percent(&linear.promotion.field));
+    /* as served, what a second spectrum adds must not be lost in its noise */
+    g_assert_cmpfloat(still_life_percent(&linear.served.field), <=,
+                      still_life_percent(&blend.served.field));
+    g_assert_cmpfloat(still_life_percent(&third.served.field), <=,
+                      0.7 * still_life_percent(&linear.served.field));
+    assert_estimate(&blend);
+    assert_estimate(&linear);
+    assert_estimate(&third);
     still_life_study_finish(&x);
     still_life_free(&w);
 }

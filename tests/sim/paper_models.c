@@ -153,13 +153,16 @@ static float *blend_of(const struct paper_take *take, int s)
     const struct ls_mono_blend_pictures pictures = {.width = SIDE,
                                                     .height = SIDE,
                                                     .n_segments = SEGMENTS,
+                                                    .n_lights = LIGHTS,
                                                     .v = (const float *const *)of.v,
                                                     .u = (const float *const *)of.u,
                                                     .f = (const float *const *)of.f,
                                                     .v_noise = of.noise,
+                                                    .f_noise = of.noise,
                                                     .total_noise = quiet,
                                                     .neutral = take->p[s][0] / take->p[0][0]};
-    ok(ls_mono_blend_ratios(&pictures, 0, SIDE, ratios, &diag), &diag);
+    const struct ls_linear_part all = {.width = SIDE, .height = SIDE, .out = ratios};
+    ok(ls_mono_blend_fit(&pictures, &all, &diag), &diag);
     segments_free(&of);
     return ratios;
 }
