@@ -89,7 +89,8 @@ LS_MUST_CHECK enum ls_err ls_shading_settle(struct ls_shading *fits, uint32_t n,
 /**
  * Where the sphere really stands, seen from the shading under @n lights of known positions: the
  * Gauss-Newton step that explains their residuals best. Move the sphere by @step_m, make the view
- * anew and fit again; from an outline's centre two steps are enough. @sigma_m: of each coordinate.
+ * anew and fit again, until a step is within its error: each leaves a tenth or so of the way, and
+ * an outline's centre may be 3 mm off along the view. @sigma_m: of each coordinate.
  * LS_ERR_INVALID: fewer than three lights determine it.
  */
 LS_MUST_CHECK enum ls_err ls_centre_step(const struct ls_shading *fits, uint32_t n,

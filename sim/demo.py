@@ -35,7 +35,7 @@ ENVIRONMENT = os.path.join(stage.ROOT, "sim", "environment.json")
 # optical low-pass filter that splits a point by half a photosite either way, 0.5; added in squares.
 BLUR_PX = 0.7
 
-USUAL_SIZE = 512
+USUAL_SIZE, LEAST_CALIBRATED_SIZE = 512, 256
 
 PLAN = """subject = "still";
 exposures_us = [100, 800, 6400];
@@ -67,8 +67,9 @@ def relight(rig, take, name, *options):
 
 
 def holds_calibration(r):
-    """Of lights without a flag. What one sees of a light is worth 1 % / sqrt(pixels), so in pictures
-    smaller than the usual ones a gain's noise, and its bound, grow as their side shrinks."""
+    """Of lights without a flag. A gain's noise goes with one over the sphere's radius in pixels (0.07,
+    0.14 and 0.29 % rms at 512, 256 and 128), and in pictures smaller than the usual ones so does its
+    bound."""
     if "k_error_percent" not in r:
         return []
     bound = 0.5 * max(1, USUAL_SIZE / r["width"])
@@ -148,6 +149,9 @@ def parse():
     options = parser.parse_args()
     if not 64 <= options.size <= 4096 or options.size % 4:
         parser.error("--size: expected a multiple of 4 from 64 to 4096")
+    if options.calibrate and options.size < LEAST_CALIBRATED_SIZE:
+        parser.error(f"--calibrate: expected --size {LEAST_CALIBRATED_SIZE} or more: in smaller "
+                     "pictures the spheres are too small to measure lights at the side")
     return options
 
 

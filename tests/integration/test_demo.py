@@ -63,7 +63,7 @@ def test_the_demo_measures_its_own_calibration(folder):
     if "LS_TEST_FULL" not in os.environ:
         raise harness.Skip("two minutes; LS_TEST_FULL runs it, and test_calibrate what it is made of")
     numbers = os.path.join(folder, "numbers.json")
-    done = demo(folder, "--size", "128", "--calibrate", "--json", numbers)
+    done = demo(folder, "--size", "256", "--calibrate", "--json", numbers)
     assert done.returncode == 0, done.stdout + done.stderr
     with open(numbers, encoding="utf-8") as file:
         result = json.load(file)
@@ -73,7 +73,8 @@ def test_the_demo_measures_its_own_calibration(folder):
 
 
 def test_the_demo_refuses_what_it_does_not_know(folder):
-    for arguments in (["--size", "63"], ["--size", "many"], ["--sise", "512"]):
+    for arguments in (["--size", "63"], ["--size", "many"], ["--sise", "512"],
+                      ["--size", "252", "--calibrate"]):
         done = demo(folder, *arguments)
         assert done.returncode == 2 and "usage" in done.stderr, (arguments, done)
 
