@@ -143,7 +143,8 @@ struct ls_linear_part {
  * served: what the rest does not foresee of a segment, beyond its noise, and what M makes of a
  * single light's noise. 0.8 to 1.4 of it on the simulated still life, at 0, 0.2, 0.8 and 3 % of
  * noise, in RGB and of two or three spectra in mono (tests/core/test_still_life.c): a fit without a
- * segment knows less, and a segment's lights, taken as alike, are not.
+ * segment knows less, and a segment's lights, taken as alike, are not. Of segments whose lights are
+ * no neighbours (core/segments.h makes none) it tells nothing: all look alike.
  */
 LS_MUST_CHECK enum ls_err ls_linear_fit(const struct ls_linear_pictures *pictures,
                                         const struct ls_linear_options *options,

@@ -131,6 +131,48 @@ static void a_few_single_lights_check_the_fit(struct room *room, gconstpointer d
     }
 }
 
+/* Relative RMS error of every light's picture in red, of a mono camera. */
+static double mono_error(const struct room *room, const struct ls_field_map *map)
+{
+    const int channel[2] = {FULL_CW, FULL_CG};
+    double square = 0, total = 0;
+    for (int i = 0; i < FULL_LIGHTS; i++) {
+        float *v[2], *f = one_light(room, FULL_CR, i);
+        for (int a = 0; a < 2; a++)
+            v[a] = one_light(room, channel[a], i);
+        for (size_t p = 0; p < FULL_PIXELS; p++) {
+            double made = map->phi ? predict(map, v[0], p, 0, i) : 0;
+            for (uint32_t a = 0; a < map->n_inputs; a++)
+                made += (double)map->values[p * map->n_inputs + a] * (double)v[a][p];
+            square += pow(made - (double)f[p], 2);
+            total += pow((double)f[p], 2);
+        }
+        g_free(f);
+        g_free(v[0]);
+        g_free(v[1]);
+    }
+    return sqrt(square / total);
+}
+
+/* The take's segments are scattered over the dome, so that neither estimate is near its error; but
+ * what is kept is the one with the smaller. */
+static void a_second_spectrum_of_a_mono_camera_does_no_harm(struct room *room, gconstpointer data)
+{
+    static const struct full_take_options one_spectrum = {.mono = true};
+    struct room other;
+    enter(&other, &one_spectrum);
+    struct ls_way two = way_to_red(room), one = way_to_red(&other);
+    double with = mono_error(room, two.map), without = mono_error(&other, one.map);
+    g_test_message("W alone: %.4f, estimated %.4f; W and G, %s: %.4f, estimated %.4f", without,
+                   one.map->left_out_error, two.map->phi ? "a blend" : "matrices", with,
+                   two.map->left_out_error);
+    g_assert_cmpint(one.kind, ==, LS_WAY_BLEND);
+    g_assert_cmpfloat(one.map->left_out_share, >, 0);
+    g_assert_cmpfloat(two.map->left_out_error, <=, one.map->left_out_error);
+    g_assert_cmpfloat(with, <=, without);
+    leave(&other, NULL);
+}
+
 static void the_report_says_what_was_checked(struct room *room, gconstpointer data)
 {
     struct ls_way way = way_to_red(room);
@@ -287,10 +329,13 @@ int main(int argc, char **argv)
                                           all = {.red_lights = FULL_LIGHTS};
     static const struct full_take_options glint = {.glint = true, .red_lights = 3};
     static const struct full_take_options mono = {.mono = true, .red_lights = 2};
+    static const struct full_take_options two = {.mono = true, .mono_two = true};
     g_test_init(&argc, &argv, NULL);
     TEST("a-few-single-lights-check-the-fit", &few, a_few_single_lights_check_the_fit);
     TEST("a-highlight-has-an-error-of-its-own", &glint, a_few_single_lights_check_the_fit);
     TEST("a-few-single-lights-check-a-blend", &mono, a_few_single_lights_check_the_fit);
+    TEST("a-second-spectrum-of-a-mono-camera-does-no-harm", &two,
+         a_second_spectrum_of_a_mono_camera_does_no_harm);
     TEST("the-report-says-what-was-checked", &glint, the_report_says_what_was_checked);
     TEST("a-spectrum-under-all-lights-is-not-fitted", &all,
          a_spectrum_under_all_lights_is_not_fitted);
