@@ -145,10 +145,15 @@ void bench_close(struct bench *bench)
     g_free(bench);
 }
 
+void bench_pulse_at(struct bench *bench, uint64_t true_ns, uint32_t step, double pulse_us)
+{
+    sim_camera_pulse(bench->sim, true_ns, pulse_us, step, 1000 + step);
+}
+
 uint64_t bench_pulse(struct bench *bench, uint32_t step, double pulse_us)
 {
     uint64_t now = sim_now_ns();
-    sim_camera_pulse(bench->sim, now, pulse_us, step, 1000 + step);
+    bench_pulse_at(bench, now, step, pulse_us);
     return now;
 }
 

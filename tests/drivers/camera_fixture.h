@@ -58,6 +58,9 @@ void bench_close(struct bench *bench);
 /** Fire step @step with condition 1000 + step, @pulse_us wide, now; returns the time. */
 uint64_t bench_pulse(struct bench *bench, uint32_t step, double pulse_us);
 
+/** Fire it at @true_ns, which is now. */
+void bench_pulse_at(struct bench *bench, uint64_t true_ns, uint32_t step, double pulse_us);
+
 /** The next frame, within @timeout_us; fails the test on any error. */
 struct ls_camera_frame bench_next(struct bench *bench, uint64_t timeout_us);
 

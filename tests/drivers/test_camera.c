@@ -22,7 +22,8 @@ static void *fire_all(void *user)
     struct pulser *p = user;
     struct timespec rest = {0, (long)p->period_us * 1000};
     for (uint32_t step = 0; step < p->n; step++) {
-        p->fired_ns[step] = bench_pulse(p->bench, step, p->pulse_us);
+        p->fired_ns[step] = sim_now_ns(); /* before its frame can come */
+        bench_pulse_at(p->bench, p->fired_ns[step], step, p->pulse_us);
         nanosleep(&rest, NULL);
     }
     return NULL;
