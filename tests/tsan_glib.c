@@ -64,8 +64,10 @@ struct call {
     GDestroyNotify notify;
 };
 
+/* What the loop's thread does first of all with a source that is due. */
 static void ref_call(gpointer data)
 {
+    __tsan_acquire(&posted);
     g_atomic_int_inc(&((struct call *)data)->references);
 }
 
@@ -79,11 +81,9 @@ static void unref_call(gpointer data)
     g_free(call);
 }
 
-/* Asked by the loop's thread, just before it calls. */
 static void get_call(gpointer data, GSource *source, GSourceFunc *function, gpointer *user)
 {
     struct call *call = data;
-    __tsan_acquire(&posted);
     *function = call->function;
     *user = call->data;
 }
