@@ -32,8 +32,9 @@
  * What `lightstagectl calibrate` has measured besides; every key is optional:
  *   lights            also { flags: { "one-sided"|"dead"|"uncertain": [light...] },
  *                       measured_direction: [[x,y,z]...], sigma_direction_deg: [...] }
- *   k_colour          { channel name: [[r,g,b] per light] } factors on k for one camera channel;
- *                       a channel that is missing has none
+ *   k_colour          { channel name: [[r,g,b] per light] } factors on k for one camera channel
+ *                       (core/gains.h); a channel that is missing has none. Of a mono camera
+ *                       ([f] per light) they are part of k, and normalised with it
  *   pattern_factors   also { sigma } in each
  *   polarisation      { a_v: [[one per light] per camera], a_h: the same }
  *   mirror_reflectivity  [r,g,b] or [mono]

@@ -1,6 +1,7 @@
 #include "core/gains_system.h"
 
 #include "core/field.h"
+#include "core/sample.h"
 
 #include <math.h>
 #include <stdlib.h>
@@ -8,7 +9,7 @@
 
 static const double one_sided_sigma = 0.02;
 static const double floor_sigma = 1e-4;
-static const double colour_sigmas = 4;
+static const double colour_sigmas = 4.5;
 static const double least_spread = 0.01; /* of lights, relative */
 
 static void judge(struct ls_gains_system *s)
@@ -27,7 +28,7 @@ static void judge(struct ls_gains_system *s)
     }
     for (uint32_t j = 0; j < s->m; j++)
         s->dof -= isfinite(s->level[j]);
-    s->dof++;
+    s->dof += 1 - (int)s->n_taken;
     s->chi2 = s->dof > 0 ? s->chi2 / s->dof : 0;
 }
 
@@ -151,20 +152,85 @@ static void fill_level_sigma(const struct ls_gains_system *s, struct ls_gains *o
     }
 }
 
-static void colour_factor(const struct ls_gains_system *s, uint32_t i, uint32_t c, double *factor)
+/* ---- colours ---- */
+
+/* chi^2 per degree of freedom of the middle measurement: lights that differ in colour do not make
+ * it larger. 0.455 is the middle of chi^2 of one degree of freedom. */
+static enum ls_err middle_chi2(const struct ls_gains_system *s, double *out, struct ls_diag *diag)
 {
-    double sum = 0, mean = 0;
-    for (uint32_t k = 0; k < s->in->n_cameras; k++) {
-        size_t at = (size_t)i * s->m + k * s->in->n_colours + c;
-        double level = s->level[k * s->in->n_colours + c];
+    size_t n = 0, lights = 0, levels = 0;
+    LS_CLEANUP_FREE float *room = malloc((size_t)s->n * s->m * sizeof *room);
+    if (!room)
+        return ls_fail(diag, LS_ERR_NOMEM, "out of memory for gains");
+    for (uint32_t i = 0; i < s->n; i++) {
+        lights += ls_gains_row_weight(s, i) > 0;
+        for (uint32_t j = 0; j < s->m; j++) {
+            size_t at = (size_t)i * s->m + j;
+            double r = s->y[at] - s->level[j] - s->x[i];
+            if (s->w[at] > 0)
+                room[n++] = (float)(s->w[at] * r * r);
+        }
+    }
+    for (uint32_t j = 0; j < s->m; j++)
+        levels += isfinite(s->level[j]);
+    double free = (double)n - (double)lights - (double)levels + 1;
+    *out = free > 0 ? (double)ls_median(room, n) / 0.455 * (double)n / free : 0;
+    return LS_OK;
+}
+
+/* What is left of a light's measurements in one colour, averaged over cameras. */
+struct residual {
+    double mean, sigma; /* sigma: of the colour's own strength */
+    bool differs;
+};
+
+static struct residual residual_of(const struct ls_gains_system *s, uint32_t i, uint32_t c,
+                                   double chi2)
+{
+    double sum = 0, mean = 0, all = ls_gains_row_weight(s, i);
+    for (uint32_t j = c; j < s->m; j += s->in->n_colours) {
+        size_t at = (size_t)i * s->m + j;
         if (!(s->w[at] > 0))
             continue;
         sum += s->w[at];
-        mean += s->w[at] * (s->y[at] - level - s->x[i]);
+        mean += s->w[at] * (s->y[at] - s->level[j] - s->x[i]);
     }
-    double sigma = sum > 0 ? sqrt(fmax(1, s->chi2) / sum) : INFINITY;
-    int known = sigma < LS_GAINS_COLOUR_SIGMA && fabs(mean / sum) > colour_sigmas * sigma;
-    *factor = known && !s->flags[i] ? exp(-mean / sum) : 1;
+    if (!(sum > 0))
+        return (struct residual){.sigma = INFINITY};
+    double sigma = sqrt(fmax(1, chi2) / sum), left = sigma * sqrt(1 - sum / all);
+    return (struct residual){mean / sum, sigma, fabs(mean / sum) > colour_sigmas * left};
+}
+
+/* Factors of a light, which are taken out of its measurements. */
+static void take_light(struct ls_gains_system *s, uint32_t i, double chi2, double *factor)
+{
+    struct residual r[3];
+    bool differs = false;
+    for (uint32_t c = 0; c < s->in->n_colours; c++) {
+        r[c] = residual_of(s, i, c, chi2);
+        differs |= r[c].differs && r[c].sigma < LS_GAINS_COLOUR_SIGMA;
+    }
+    for (uint32_t c = 0; c < s->in->n_colours && differs; c++) {
+        if (r[c].sigma >= LS_GAINS_COLOUR_SIGMA)
+            continue;
+        factor[c] = exp(-r[c].mean);
+        for (uint32_t j = c; j < s->m; j += s->in->n_colours)
+            s->y[(size_t)i * s->m + j] -= r[c].mean;
+        s->n_taken++;
+    }
+}
+
+static enum ls_err take_colours(struct ls_gains_system *s, double *colour, struct ls_diag *diag)
+{
+    uint32_t colours = s->in->n_colours;
+    double chi2 = 0;
+    enum ls_err err = middle_chi2(s, &chi2, diag);
+    for (uint32_t k = 0; k < s->n * colours; k++)
+        colour[k] = 1;
+    for (uint32_t i = 0; i < s->n && colours > 1 && !err; i++)
+        if (!s->flags[i] && !(s->in->one_sided && s->in->one_sided[i]))
+            take_light(s, i, chi2, colour + (size_t)i * colours);
+    return err;
 }
 
 /* ---- the whole ---- */
@@ -180,13 +246,14 @@ static enum ls_err run(struct ls_gains_system *s, struct ls_gains *out, struct l
         out->n_snr += ls_gains_row_weight(s, i) > 0;
         solve_light(s, i);
     }
+    if (out->colour)
+        err = take_colours(s, out->colour, diag);
+    if (err)
+        return err;
     judge(s);
     lean(s);
     err = fill_gains(s, out, diag);
     fill_level_sigma(s, out);
-    for (uint32_t i = 0; i < s->n && out->colour; i++)
-        for (uint32_t c = 0; c < s->in->n_colours; c++)
-            colour_factor(s, i, c, &out->colour[i * s->in->n_colours + c]);
     return err;
 }
 

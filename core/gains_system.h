@@ -22,6 +22,7 @@ struct ls_gains_system {
     uint8_t *flags;
     double level[LS_GAINS_LEVELS], level_var[LS_GAINS_LEVELS];
     double chi2;
+    uint32_t n_taken; /* factors of colours that were taken out of y */
     int dof;
 };
 

@@ -1,5 +1,6 @@
 #include "tests/core/grey_bench.h"
 
+#include "core/pixel.h"
 #include "core/vec3.h"
 
 #include <glib.h>
@@ -22,6 +23,10 @@ void grey_bench_fit(struct grey_bench *b, uint32_t camera, uint32_t channel, uin
 {
     struct ls_diag diag = {{0}};
     grey_rig_picture(b->rig, camera, grey_rig_light(b->rig, channel, light), b->e, b->validity);
+    for (uint32_t p = 0; b->tint && p < b->rig->n_pixels; p++) {
+        uint32_t x = p % b->rig->options.size_px, y = p / b->rig->options.size_px;
+        b->e[p] *= (float)b->tint[light][ls_cfa_channel(LS_CFA_RGGB, x, y)];
+    }
     enum ls_err err = ls_shading_fit(b->view[camera], position, b->e, b->validity, out, &diag);
     g_assert_cmpstr(diag.text, ==, "");
     g_assert_cmpint(err, ==, LS_OK);

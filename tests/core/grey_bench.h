@@ -22,8 +22,10 @@ struct grey_measured {
 struct grey_bench {
     struct grey_rig *rig;
     struct ls_sphere_view *view[SIM_MAX_CAMERAS];
-    double misplaced_deg; /* by how much every light stands beside its place in the rig file */
-    bool moved;           /* ls_shading_settle found that */
+    double misplaced_deg;    /* by how much every light stands beside its place in the rig file */
+    const double (*tint)[3]; /* [n_lights], what the pictures of a light are multiplied by in each
+                                camera colour; or NULL */
+    bool moved;              /* ls_shading_settle found that */
     float *e;
     uint8_t *validity;
 };

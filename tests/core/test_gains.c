@@ -76,6 +76,8 @@ static void run_case(const struct gains_case *g, uint32_t *n, double *within)
     b->misplaced_deg = g->misplaced_deg;
     grey_measure(b, 0, &m);
     struct verdict v = judge(b, 0, &m);
+    for (uint32_t k = 0; k < 3 * b->rig->n_lights; k++) /* one in 150000 by chance */
+        g_assert_true(strcmp(g->cfa, "mono") == 0 || m.gains.colour[k] == 1);
     g_assert_true(b->moved == (g->misplaced_deg > 0));
     g_assert_cmpfloat(v.worst, <, 0.005); /* the calibration's promise */
     /* lights that nobody sees are off by what they were drawn: 3.5 sigma is one in 2000 */
@@ -128,11 +130,85 @@ static void test_many(void)
     run_cases(cases, G_N_ELEMENTS(cases));
 }
 
+/* ---- colours ---- */
+
+/* Every fourth light is 2 % off in one colour, up or down. */
+static void draw_tint(double (*tint)[3], uint32_t n)
+{
+    for (uint32_t i = 0; i < n; i++)
+        for (uint32_t c = 0; c < 3; c++) {
+            bool off = i % 4 == 0 && i / 4 % 3 == c;
+            tint[i][c] = off ? (i / 12 % 2 ? 1.02 : 0.98) : 1;
+        }
+}
+
+/* Largest errors of what calibrated lights are in each colour, with the factors and without; what
+ * is common to a colour belongs to p(s,c). Returns how many factors there are. */
+static uint32_t judge_colours(const struct grey_bench *b, const struct grey_measured *m,
+                              const double (*tint)[3], double worst[2])
+{
+    uint32_t n = 0, n_factors = 0;
+    double common[3] = {0};
+    worst[0] = worst[1] = 0;
+    for (int pass = 0; pass < 2; pass++)
+        for (uint32_t i = 0; i < b->rig->n_lights; i++) {
+            double plain = 1 + off_by(b, 0, m, i);
+            for (uint32_t c = 0; c < 3 && !m->gains.flags[i]; c++) {
+                double factor = m->gains.colour[3 * i + c];
+                common[c] += pass ? 0 : log(plain * factor * tint[i][c]);
+                n += !pass && c == 0;
+                n_factors += pass && factor != 1;
+                double off = log(plain * tint[i][c]) - common[c] / n;
+                worst[1] = fmax(worst[1], pass ? fabs(off) : 0);
+                worst[0] = fmax(worst[0], pass ? fabs(off + log(factor)) : 0);
+            }
+        }
+    g_test_message("%u lights: off by %.3f %% with %u factors, by %.3f %% without; chi2 %.2f", n,
+                   100 * worst[0], n_factors, 100 * worst[1], m->gains.chi2);
+    return n_factors;
+}
+
+static uint32_t measure_colours(uint32_t cameras, uint64_t seed, bool tinted, double worst[2])
+{
+    struct grey_rig_options o = {"grey", seed, 0.05, cameras, "W", 96, "RG", 1};
+    struct grey_bench *b = grey_bench_new(&o);
+    double(*tint)[3] = g_malloc0_n(b->rig->n_lights, sizeof *tint);
+    struct grey_measured m;
+    draw_tint(tint, b->rig->n_lights);
+    for (uint32_t i = 0; i < b->rig->n_lights && !tinted; i++)
+        tint[i][0] = tint[i][1] = tint[i][2] = 1;
+    b->tint = (const double(*)[3])tint;
+    grey_measure(b, 0, &m);
+    uint32_t n = judge_colours(b, &m, b->tint, worst);
+    grey_measured_finish(&m);
+    grey_bench_free(b);
+    g_free(tint);
+    return n;
+}
+
+static void test_colours(void)
+{
+    double worst[2];
+    g_assert_cmpuint(measure_colours(3, 71, true, worst), >, 0);
+    g_assert_cmpfloat(worst[0], <, 0.005); /* the calibration's promise */
+    g_assert_cmpfloat(worst[1], >, 0.012); /* two thirds of 2 %: k takes one */
+}
+
+/* One in 150000 is 4.5 errors off by chance: of a thousand, none. */
+static void test_no_colours(void)
+{
+    double worst[2];
+    g_assert_cmpuint(measure_colours(2, 82, false, worst), ==, 0);
+}
+
 int main(int argc, char **argv)
 {
     g_test_init(&argc, &argv, NULL);
     g_test_add_func("/gains/of-a-simulated-rig-come-back-within-half-a-percent", test_gains);
     g_test_add_func("/gains/come-back-though-the-lights-stand-elsewhere", test_misplaced);
+    g_test_add_func("/gains/of-lights-that-differ-in-colour-come-back-in-every-colour",
+                    test_colours);
+    g_test_add_func("/gains/of-lights-of-one-colour-have-no-factors", test_no_colours);
     g_test_add_func("/gains/of-twenty-rigs-come-back-with-honest-errors", test_many);
     return g_test_run();
 }
