@@ -7,6 +7,8 @@
  *     F = picture of the full sphere of spectrum s / nominal duty x droop factor
  *     V = sum_i g(i,s) R(i,p,0,c),  R(i,p,0,c) = k(i,0) E(i,p,c)
  * F shows lights of unequal strength g(i,s), so V weights the white field with the same strengths.
+ * Where lights differ in colour (core/gains.h), k(i,s,c) and g(i,s,c) = 1 / k(i,s,c) are those of
+ * each camera colour, and so is V.
  * The paper's own denominator F(0), the photographed white sphere, is had by passing the picture
  * sphere[0] x ls_promote_sphere_factor(0) as V (its weight row is that one factor): right only
  * where all spectra share one spread of strengths. Both are in stored units (the scale of the field

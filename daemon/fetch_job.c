@@ -44,18 +44,30 @@ static void fetch_destroy(struct ls_job *job)
 
 /* ---- start ---- */
 
+/* Has k a factor for each colour of the camera? */
+static bool coloured(const struct fetch_job *self)
+{
+    return !self->estimate && self->way.set && ls_light_set_is_coloured(self->way.set);
+}
+
 /* Made of more than one picture per light? */
-static bool promoted(const struct fetch_job *self)
+static bool of_several(const struct fetch_job *self)
 {
     return self->way.kind != LS_WAY_PHOTOGRAPHED ||
            (self->way.set && ls_light_set_is_summed(self->way.set));
+}
+
+/* Not simply a picture times a gain? */
+static bool promoted(const struct fetch_job *self)
+{
+    return of_several(self) || coloured(self);
 }
 
 /* Is a promoted light one picture times a ratio, for halves to hold? Floats, and all other ways,
  * are rendered. */
 static bool promoted_as_halves(const struct fetch_job *self)
 {
-    return self->half && self->rgb && self->way.kind == LS_WAY_RATIO &&
+    return self->half && self->rgb && self->way.kind == LS_WAY_RATIO && !coloured(self) &&
            !ls_light_set_is_summed(self->way.set);
 }
 
@@ -169,7 +181,7 @@ static enum ls_err light_picture(const struct fetch_job *self, struct picture *o
         return err;
     uint32_t from = shown_by(self);
     out->map = ls_field_source_picture(self->source, from, light, NULL);
-    bool sum = promoted(self) && self->source->white_is_polarised;
+    bool sum = of_several(self) && self->source->white_is_polarised;
     out->k = self->estimate || sum ? 1 : ls_field_source_gain(self->source, from, light);
     out->gain = self->estimate ? 1 : out->k * self->source->field.scale;
     return LS_OK;
@@ -192,6 +204,7 @@ static enum ls_err open_render(struct fetch_job *self, struct ls_diag *diag)
                                       .n_terms = 1,
                                       .n_pictures = 1,
                                       .mosaic = !self->rgb,
+                                      .k_alone = self->estimate,
                                       .region = self->region,
                                       .asker = &self->job};
     return ls_render_open(self->source, &job, &self->render, diag);

@@ -151,23 +151,47 @@ struct ratios {
     const struct ls_job *asker;
     enum ls_field_map_kind kind;
     uint32_t n, spectra[LS_FIELD_MAX_SPECTRA];
-    bool squares; /* v_rows has the squares of its weights behind them */
+    bool squares;  /* v_rows has the squares of its weights behind them */
+    bool coloured; /* v_rows has three for each, one for a colour of the camera */
     struct ls_picture *f;
     float *v_rows, *f_rows;
     double neutral[LS_FIELD_MAX_SPECTRA][3];
     struct entry made[LS_FIELD_MAX_SPECTRA];
 };
 
+static uint32_t rows_of_one(const struct ratios *r)
+{
+    return r->coloured ? 3 : 1;
+}
+
 /* What makes V of white, and, where multiplexed pictures make it, the light its shot noise is of.
  */
+static enum ls_err fill_v_row(struct ratios *r, uint32_t at, const double *w, int32_t colour,
+                              uint32_t n_v, struct ls_diag *diag)
+{
+    float *row = r->v_rows + (size_t)at * n_v;
+    enum ls_err err =
+        ls_light_set_row(&r->source->white, w, r->source->field.n_lights, colour, row, diag);
+    for (uint32_t j = 0; j < n_v && r->squares; j++)
+        row[(size_t)r->n * rows_of_one(r) * n_v + j] = row[j] * row[j];
+    return err;
+}
+
+/* Under strengths w of the lights of ratio @q's spectrum: with factors on their k, w / factor. */
 static enum ls_err fill_v(struct ratios *r, uint32_t q, const double *w, uint32_t n_v,
                           struct ls_diag *diag)
 {
-    const struct ls_light_set *white = &r->source->white;
-    float *row = r->v_rows + (size_t)q * n_v;
-    enum ls_err err = ls_light_set_row(white, w, r->source->field.n_lights, row, diag);
-    for (uint32_t j = 0; j < n_v && r->squares; j++)
-        row[(size_t)r->n * n_v + j] = row[j] * row[j];
+    const double *factor = ls_field_source_colour(r->source, r->source->channel_of[r->spectra[q]]);
+    uint32_t n = r->source->field.n_lights;
+    if (!r->coloured)
+        return fill_v_row(r, q, w, -1, n_v, diag);
+    LS_CLEANUP_FREE double *room = malloc(n * sizeof *room);
+    enum ls_err err = room ? LS_OK : ls_fail(diag, LS_ERR_NOMEM, "out of memory for %u lights", n);
+    for (uint32_t c = 0; c < 3 && !err; c++) {
+        for (uint32_t i = 0; i < n; i++)
+            room[i] = factor ? w[i] / factor[3 * i + c] : w[i];
+        err = fill_v_row(r, 3 * q + c, room, (int32_t)c, n_v, diag);
+    }
     return err;
 }
 
@@ -217,6 +241,15 @@ static enum ls_err fill_ratio(struct ratios *r, uint32_t q, uint32_t n_v, uint32
     return fill_sphere(r, q, n_v, n_f, diag);
 }
 
+/* Are there lights of white, or of a spectrum, that differ in colour? */
+static bool has_colours(const struct ratios *r)
+{
+    bool any = ls_light_set_is_coloured(&r->source->white);
+    for (uint32_t q = 0; q < r->n; q++)
+        any |= r->source->has_colour[r->source->channel_of[r->spectra[q]]];
+    return any;
+}
+
 static enum ls_err run_ratios(struct ratios *r, float **maps, struct ls_diag *diag)
 {
     struct ls_field_source *source = r->source;
@@ -224,8 +257,10 @@ static enum ls_err run_ratios(struct ratios *r, float **maps, struct ls_diag *di
     uint32_t n_v = paper ? 1 : source->white.n_pictures, n_f = LS_HEADLIGHT_LIGHTS * r->n;
     enum ls_err err = LS_OK;
     r->squares = !paper && ls_light_set_is_multiplexed(&source->white);
+    r->coloured = !paper && has_colours(r);
     r->f = calloc(n_f, sizeof *r->f);
-    r->v_rows = calloc((size_t)r->n * n_v * (r->squares ? 2 : 1), sizeof *r->v_rows);
+    r->v_rows =
+        calloc((size_t)r->n * rows_of_one(r) * n_v * (r->squares ? 2 : 1), sizeof *r->v_rows);
     r->f_rows = calloc((size_t)r->n * n_f, sizeof *r->f_rows);
     if (!r->f || !r->v_rows || !r->f_rows)
         return ls_fail(diag, LS_ERR_NOMEM, "out of memory for %u ratios", r->n);
@@ -239,6 +274,7 @@ static enum ls_err run_ratios(struct ratios *r, float **maps, struct ls_diag *di
                                      .v = paper ? source->field.sphere : source->white.pictures,
                                      .f = r->f,
                                      .v_rows = r->v_rows,
+                                     .coloured = r->coloured,
                                      .squares = r->squares,
                                      .f_rows = r->f_rows,
                                      .neutral = (const double(*)[3])r->neutral,
@@ -367,8 +403,11 @@ static enum ls_err add_target(struct fits *fits, uint32_t s, struct ls_diag *dia
         return err;
     }
     fits->segments[job->n_targets] = segments;
-    fits->targets[job->n_targets] =
-        (struct ls_linear_target){.s = s, .f = segments->pictures, .factor = segments->factor};
+    fits->targets[job->n_targets] = (struct ls_linear_target){
+        .s = s,
+        .colour = ls_field_source_colour(fits->source, fits->source->channel_of[s]),
+        .f = segments->pictures,
+        .factor = segments->factor};
     choose_checks(fits->source, &fits->targets[job->n_targets++]);
     return LS_OK;
 }
@@ -492,6 +531,17 @@ static enum ls_err fit_or_blend(struct fits *fits, struct ls_diag *diag)
     return err;
 }
 
+/* Are there lights of an input, or of a target, that differ in colour? */
+static uint32_t n_rows_of(const struct ls_linear_job *job)
+{
+    bool any = false;
+    for (uint32_t k = 0; k < job->n_sets; k++)
+        any |= ls_light_set_is_coloured(job->set[k]);
+    for (uint32_t t = 0; t < job->n_targets; t++)
+        any |= job->targets[t].colour != NULL;
+    return any ? 3 : 1;
+}
+
 static enum ls_err make_linear(struct ls_field_source *source, uint32_t s,
                                const struct ls_job *asker, struct ls_diag *diag)
 {
@@ -506,6 +556,7 @@ static enum ls_err make_linear(struct ls_field_source *source, uint32_t s,
         fits->job.n_segments = fits->segments[0]->n;
         fits->job.segment = fits->segments[0]->segment;
         choose_inputs(fits, s);
+        fits->job.n_rows = n_rows_of(&fits->job);
         err = fit(fits, diag);
     }
     if (!err)

@@ -67,6 +67,20 @@ static void fill_uncalibrated(struct ls_field_source *source)
     }
 }
 
+/* Of a channel: on each camera colour; a mono camera's one is part of k. */
+static void fill_colours(struct ls_field_source *source, const struct ls_calibration *cal,
+                         uint32_t channel, uint32_t from)
+{
+    size_t n = source->facts->n_lights, colours = cal->n_colours;
+    const float *factors = cal->k_colour + from * n * colours;
+    for (size_t i = 0; i < n && colours == 1; i++)
+        source->k_all[channel * n + i] *= (double)factors[i];
+    for (size_t j = 0; j < n * colours && colours == 3; j++) {
+        source->colour[channel * n * 3 + j] = (double)factors[j];
+        source->has_colour[channel] |= factors[j] != 1;
+    }
+}
+
 static enum ls_err fill_gains(struct ls_field_source *source, const struct ls_calibration *cal,
                               struct ls_diag *diag)
 {
@@ -84,6 +98,8 @@ static enum ls_err fill_gains(struct ls_field_source *source, const struct ls_ca
                                facts->channels[c].name, i);
             source->k_all[(size_t)c * facts->n_lights + i] = k;
         }
+        if (cal->k_colour)
+            fill_colours(source, cal, c, (uint32_t)from);
     }
     return LS_OK;
 }
@@ -121,8 +137,11 @@ static void fill_polarised(struct ls_field_source *source, const struct ls_calib
 
 static void fill_set(const struct ls_field_source *source, struct ls_light_set *set)
 {
-    for (uint32_t g = 0; g < set->n_groups; g++)
-        set->group[g].k = source->k_all + (size_t)set->group[g].channel * source->facts->n_lights;
+    for (uint32_t g = 0; g < set->n_groups; g++) {
+        struct ls_light_group *group = &set->group[g];
+        group->k = source->k_all + (size_t)group->channel * source->facts->n_lights;
+        group->colour = ls_field_source_colour(source, group->channel);
+    }
 }
 
 static void fill_sets(struct ls_field_source *source)
@@ -159,6 +178,11 @@ static enum ls_err fill_calibrated(struct ls_field_source *source, struct ls_dia
         return ls_fail(diag, LS_ERR_INVALID,
                        "the take's calibration is for %u camera channels, the camera has %u",
                        cal->n_colours, field->n_channels);
+    if (cal->k_colour)
+        source->colour =
+            calloc((size_t)3 * field->n_lights * source->facts->n_channels, sizeof(double));
+    if (cal->k_colour && !source->colour)
+        return out_of_memory(diag);
     enum ls_err err = fill_gains(source, cal, diag);
     if (err)
         return err;
@@ -225,4 +249,5 @@ void ls_field_numbers_free(struct ls_field_source *source)
     free(source->factor);
     free(source->directions);
     free(source->k_all);
+    free(source->colour);
 }

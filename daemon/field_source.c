@@ -51,6 +51,13 @@ double ls_field_source_gain(const struct ls_field_source *source, uint32_t chann
     return source->k_all[(size_t)channel * source->facts->n_lights + light];
 }
 
+const double *ls_field_source_colour(const struct ls_field_source *source, uint32_t channel)
+{
+    return source->has_colour[channel]
+               ? source->colour + (size_t)3 * channel * source->facts->n_lights
+               : NULL;
+}
+
 double ls_field_source_factor(const struct ls_field_source *source,
                               const struct ls_condition_fact *fact)
 {

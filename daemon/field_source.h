@@ -28,13 +28,14 @@
 
 /** Pictures of a set that together stand for each light of the rig, of one channel. */
 struct ls_light_group {
-    uint32_t channel;  /* of facts */
-    uint32_t first, n; /* pictures of the set */
-    uint32_t order;    /* 0: picture first + i shows light i; else first + j shows row j of the
-                          S-matrix of that order (core/multiplex.h) */
-    double duty;       /* of the rows */
-    double *scale;     /* [order] factor / duty of each row; 0 where it is not calibrated */
-    const double *k;   /* [n_lights] */
+    uint32_t channel;     /* of facts */
+    uint32_t first, n;    /* pictures of the set */
+    uint32_t order;       /* 0: picture first + i shows light i; else first + j shows row j of the
+                             S-matrix of that order (core/multiplex.h) */
+    double duty;          /* of the rows */
+    double *scale;        /* [order] factor / duty of each row; 0 where it is not calibrated */
+    const double *k;      /* [n_lights] */
+    const double *colour; /* [n_lights][3] factors on k for one camera colour; NULL: all are 1 */
     const struct ls_multiplex_spare *spare; /* what the spare column reads; NULL where it could not
                                                be looked at */
 };
@@ -77,7 +78,9 @@ struct ls_field_source {
     const void **no_tiles;
     double *k, *g, *omega_sr, *p, *duty, *factor;
     float (*directions)[3];
-    double *k_all; /* [n_channels of facts][n_lights] */
+    double *k_all;                    /* [n_channels of facts][n_lights] */
+    double *colour;                   /* [n_channels of facts][n_lights][3]; or NULL */
+    bool has_colour[LS_MAX_CHANNELS]; /* by channel of facts: some factor of it is not 1 */
 };
 
 /**
@@ -99,6 +102,10 @@ int ls_field_source_spectrum(const struct ls_field_source *source, uint32_t chan
 
 /** Gain k of a channel's light; 1 where uncalibrated. */
 double ls_field_source_gain(const struct ls_field_source *source, uint32_t channel, uint32_t light);
+
+/** Factors [n_lights][3] on k of a channel for one camera colour each; NULL where all are 1, as
+ * they are of a mono camera, whose one factor is part of k. (transfer none). */
+const double *ls_field_source_colour(const struct ls_field_source *source, uint32_t channel);
 
 /** Did the plan ask for a picture of this kind? @light < 0: of any light. */
 bool ls_field_source_planned(const struct ls_field_source *source, enum ls_fact_kind kind,

@@ -5,33 +5,56 @@
 #include <math.h>
 #include <stdlib.h>
 
-static enum ls_err fill_multiplexed(const struct ls_light_group *group, const double *w,
-                                    uint32_t n_lights, float *row, struct ls_diag *diag)
+static enum ls_err fill_multiplexed(const struct ls_light_group *group, const double *k,
+                                    const double *w, uint32_t n_lights, float *row,
+                                    struct ls_diag *diag)
 {
     LS_CLEANUP_FREE double *gained = calloc(n_lights, sizeof *gained);
     LS_CLEANUP_FREE double *rows = calloc(group->order, sizeof *rows);
     if (!gained || !rows)
         return ls_fail(diag, LS_ERR_NOMEM, "out of memory for the weights of %u lights", n_lights);
     for (uint32_t i = 0; i < n_lights; i++)
-        gained[i] = (w ? w[i] : 1) * group->k[i];
+        gained[i] = (w ? w[i] : 1) * k[i];
     enum ls_err err = ls_multiplex_weights(group->order, n_lights, 1, gained, rows, diag);
     for (uint32_t j = 0; j < group->order && !err; j++)
         row[j] = (float)(group->scale[j] * rows[j]);
     return err;
 }
 
-enum ls_err ls_light_set_row(const struct ls_light_set *set, const double *w, uint32_t n_lights,
-                             float *row, struct ls_diag *diag)
+/* The group's own where it has no factors; else made in @room. */
+static const double *gains_of(const struct ls_light_group *group, uint32_t n_lights, int32_t colour,
+                              double *room)
 {
-    enum ls_err err = LS_OK;
+    if (!group->colour || colour < 0)
+        return group->k;
+    for (uint32_t i = 0; i < n_lights; i++)
+        room[i] = group->k[i] * group->colour[3 * i + (uint32_t)colour];
+    return room;
+}
+
+enum ls_err ls_light_set_row(const struct ls_light_set *set, const double *w, uint32_t n_lights,
+                             int32_t colour, float *row, struct ls_diag *diag)
+{
+    LS_CLEANUP_FREE double *room = calloc(n_lights, sizeof *room);
+    enum ls_err err =
+        room ? LS_OK : ls_fail(diag, LS_ERR_NOMEM, "out of memory for %u lights", n_lights);
     for (uint32_t g = 0; g < set->n_groups && !err; g++) {
         const struct ls_light_group *group = &set->group[g];
+        const double *k = gains_of(group, n_lights, colour, room);
         if (group->order > 0)
-            err = fill_multiplexed(group, w, n_lights, row + group->first, diag);
+            err = fill_multiplexed(group, k, w, n_lights, row + group->first, diag);
         else
-            ls_relight_row(group->k, w, group->n, row + group->first);
+            ls_relight_row(k, w, group->n, row + group->first);
     }
     return err;
+}
+
+bool ls_light_set_is_coloured(const struct ls_light_set *set)
+{
+    for (uint32_t g = 0; g < set->n_groups; g++)
+        if (set->group[g].colour)
+            return true;
+    return false;
 }
 
 bool ls_light_set_is_multiplexed(const struct ls_light_set *set)

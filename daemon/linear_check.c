@@ -22,9 +22,9 @@ static uint32_t inputs_of(const struct ls_linear_check *check)
     return check->job->n_sets * colours_of(check);
 }
 
-/* R of light @light, demosaiced: [pixels][colours]. */
-static enum ls_err one_light(const struct ls_linear_check *check, const struct ls_light_set *set,
-                             uint32_t light, float *out, struct ls_diag *diag)
+/* k E of light @light with k's factors of @colour (or -1), demosaiced: [pixels][colours]. */
+static enum ls_err one_colour(const struct ls_linear_check *check, const struct ls_light_set *set,
+                              uint32_t light, int32_t colour, float *out, struct ls_diag *diag)
 {
     const struct ls_field *field = check->job->field;
     const struct ls_demosaic_region *w = &check->wanted;
@@ -40,7 +40,7 @@ static enum ls_err one_light(const struct ls_linear_check *check, const struct l
     if (!only || !row || !mosaic)
         return ls_fail(diag, LS_ERR_NOMEM, "out of memory for a light");
     only[light] = 1;
-    enum ls_err err = ls_light_set_row(set, only, field->n_lights, row, diag);
+    enum ls_err err = ls_light_set_row(set, only, field->n_lights, colour, row, diag);
     if (err)
         return err;
     const struct ls_accumulate_job job = {
@@ -48,6 +48,23 @@ static enum ls_err one_light(const struct ls_linear_check *check, const struct l
     err = ls_accumulate(field, &job, &tiles, mosaic, &report, diag);
     if (!err && ls_relight_demosaic(field, mosaic, window, *w, out))
         err = ls_fail(diag, LS_ERR_INVALID, "light %u cannot be demosaiced", light);
+    return err;
+}
+
+/* R of light @light, demosaiced: [pixels][colours]. */
+static enum ls_err one_light(const struct ls_linear_check *check, const struct ls_light_set *set,
+                             uint32_t light, float *out, struct ls_diag *diag)
+{
+    size_t values = (size_t)check->wanted.width * check->wanted.height * colours_of(check);
+    if (!ls_light_set_is_coloured(set))
+        return one_colour(check, set, light, -1, out, diag);
+    LS_CLEANUP_FREE float *rgb = malloc(values * sizeof *rgb);
+    enum ls_err err = rgb ? LS_OK : ls_fail(diag, LS_ERR_NOMEM, "out of memory for a light");
+    for (uint32_t c = 0; c < 3 && !err; c++) {
+        err = one_colour(check, set, light, (int32_t)c, rgb, diag);
+        for (size_t j = c; j < values && !err; j += 3)
+            out[j] = rgb[j];
+    }
     return err;
 }
 

@@ -89,12 +89,12 @@ static enum ls_err noises_init(struct noises *noise, const struct ls_linear_job 
         return ls_fail(diag, LS_ERR_NOMEM, "out of memory for %u segments", job->n_segments);
     for (uint32_t q = 0; q < job->n_segments && !err; q++) {
         float factor = (float)target->factor[q];
-        err = ls_segment_row(job, target->s, 0, q, w, row, diag);
+        err = ls_segment_row(job, target, 0, q, -1, w, row, diag);
         noise->v[q] = v_noise_of(job, w, row);
         noise->f[q] = noise_of(job->field, &factor, 1);
     }
     if (!err)
-        err = ls_segment_row(job, target->s, 0, UINT32_MAX, w, row, diag);
+        err = ls_segment_row(job, target, 0, UINT32_MAX, -1, w, row, diag);
     noise->total = v_noise_of(job, w, row);
     return err;
 }
@@ -211,18 +211,36 @@ static struct piece piece_at(const struct pass *pass, uint32_t item)
                           .t = item / pass->n_pieces};
 }
 
-/* A sum, demosaiced, into @plane of [pixels][depth] at @at. */
-static enum ls_err fill_plane(const struct pass *pass, const struct room *room, const float *sum,
-                              const struct ls_demosaic_region *padded, float *plane, uint32_t depth,
-                              uint32_t at)
+/* Colours [c0, c1) of a sum, demosaiced, into @plane of [pixels][depth] at @at. */
+static enum ls_err fill_colours(const struct pass *pass, const struct room *room, const float *sum,
+                                const struct ls_demosaic_region *padded, float *plane,
+                                uint32_t depth, uint32_t at, uint32_t c0, uint32_t c1)
 {
     uint32_t colours = pass->colours;
     size_t n = (size_t)padded->width * padded->height;
-    float *to = depth == colours ? plane : room->rgb;
+    float *to = depth == c1 - c0 ? plane : room->rgb;
     enum ls_err err = ls_relight_demosaic(pass->job->field, sum, pass->sums.window, *padded, to);
-    for (size_t p = 0; p < n && !err && depth != colours; p++)
-        for (uint32_t c = 0; c < colours; c++)
+    for (size_t p = 0; p < n && !err && to == room->rgb; p++)
+        for (uint32_t c = c0; c < c1; c++)
             plane[p * depth + at + c] = room->rgb[p * colours + c];
+    return err;
+}
+
+static enum ls_err fill_plane(const struct pass *pass, const struct room *room, const float *sum,
+                              const struct ls_demosaic_region *padded, float *plane, uint32_t depth)
+{
+    return fill_colours(pass, room, sum, padded, plane, depth, 0, 0, pass->colours);
+}
+
+static enum ls_err fill_v(const struct pass *pass, const struct room *room,
+                          const struct piece *piece, uint32_t set, uint32_t g)
+{
+    uint32_t n = pass->job->n_rows, taken = n > 1 ? 1 : pass->colours;
+    enum ls_err err = LS_OK;
+    for (uint32_t c = 0; c < n && !err; c++)
+        err =
+            fill_colours(pass, room, ls_segment_sums_v(&pass->sums, piece->t, set, g, c),
+                         &piece->padded, room->v[g], pass->n_in, set * pass->colours, c, c + taken);
     return err;
 }
 
@@ -234,13 +252,12 @@ static enum ls_err fill_planes(const struct pass *pass, const struct room *room,
     enum ls_err err = LS_OK;
     for (uint32_t g = 0; g < job->n_segments && !err; g++) {
         err = fill_plane(pass, room, ls_segment_sums_f(sums, piece->t, g), &piece->padded,
-                         room->f[g], pass->colours, 0);
+                         room->f[g], pass->colours);
         for (uint32_t k = 0; k < job->n_sets && !err; k++)
-            err = fill_plane(pass, room, ls_segment_sums_v(sums, piece->t, k, g), &piece->padded,
-                             room->v[g], pass->n_in, k * pass->colours);
+            err = fill_v(pass, room, piece, k, g);
         if (!err && job->phi)
             err = fill_plane(pass, room, ls_segment_sums_u(sums, piece->t, g), &piece->padded,
-                             room->u[g], 1, 0);
+                             room->u[g], 1);
     }
     return err;
 }

@@ -25,6 +25,7 @@ enum {
 /** One spectrum whose map is made. */
 struct ls_linear_target {
     uint32_t s;                 /* whose strengths and p */
+    const double *colour;       /* factors on k of its lights, [n_lights][3]; NULL: all are 1 */
     const struct ls_picture *f; /* [n_segments] */
     const double *factor;       /* [n_segments], picture to sum of E */
     float *map;                 /* matrix: [height][width][n_channels][n_sets x n_channels]; blend:
@@ -41,6 +42,11 @@ struct ls_linear_target {
 struct ls_linear_job {
     const struct ls_field *field;
     uint32_t n_segments;
+    uint32_t n_rows; /* sums that make a V: 1, or 3 where lights of an input or a target differ in
+                        colour: each colour of the camera with its own k of the input and g of the
+                        target. Exact where the inputs' differ; where the target's do, what a matrix
+                        has off its diagonal goes by strengths of the input's colour, not of the
+                        output's */
     const uint32_t *segment; /* [n_lights] */
     uint32_t n_sets;
     const struct ls_light_set *set[LS_LINEAR_MAX_INPUTS]; /* white first */

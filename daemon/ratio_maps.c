@@ -53,13 +53,18 @@ static void pass_finish(struct pass *pass)
     free(pass->ratio);
 }
 
+static uint32_t n_v_rows(const struct ls_ratio_job *job)
+{
+    return job->coloured ? 3 * job->n : job->n;
+}
+
 static enum ls_err pass_init(struct pass *pass, struct ls_diag *diag)
 {
     const struct ls_field *field = pass->field;
     const struct ls_ratio_job *job = pass->job;
     const struct ls_accumulate_job v = {.pictures = job->v,
                                         .n_pictures = job->n_v,
-                                        .n_sums = job->squares ? 2 * job->n : job->n,
+                                        .n_sums = (job->squares ? 2 : 1) * n_v_rows(job),
                                         .weights = job->v_rows};
     const struct ls_accumulate_job f = {
         .pictures = job->f, .n_pictures = job->n_f, .n_sums = job->n, .weights = job->f_rows};
@@ -80,15 +85,31 @@ static enum ls_err pass_init(struct pass *pass, struct ls_diag *diag)
 static enum ls_err fill_sigma(struct pass *pass, const struct band *band, uint32_t q, size_t n)
 {
     const struct ls_ratio_job *job = pass->job;
-    const float *row = job->v_rows + (size_t)q * job->n_v;
+    uint32_t first = job->coloured ? 3 * q : q;
+    const float *row = job->v_rows + (size_t)first * job->n_v;
     enum ls_err err = LS_OK;
     if (!job->squares) {
         ls_promote_sigma(pass->field, row, job->n_v, pass->v_rgb, n, pass->sigma);
         return LS_OK;
     }
-    err = ls_relight_demosaic(pass->field, ls_relight_rows_get(&pass->v, job->n + q),
+    err = ls_relight_demosaic(pass->field, ls_relight_rows_get(&pass->v, n_v_rows(job) + first),
                               pass->v.window, band->padded, pass->ratio);
     ls_promote_sigma_light(pass->field, row, job->n_v, pass->ratio, n, pass->sigma);
+    return err;
+}
+
+/* V, demosaiced; each colour from a sum of its own where lights differ in colour. */
+static enum ls_err fill_v(struct pass *pass, const struct band *band, uint32_t q, size_t n)
+{
+    uint32_t n_sums = pass->job->coloured ? 3 : 1;
+    enum ls_err err = LS_OK;
+    for (uint32_t c = 0; c < n_sums && !err; c++) {
+        float *to = c == 0 ? pass->v_rgb : pass->ratio;
+        err = ls_relight_demosaic(pass->field, ls_relight_rows_get(&pass->v, n_sums * q + c),
+                                  pass->v.window, band->padded, to);
+        for (size_t j = c; j < n && c > 0; j += 3)
+            pass->v_rgb[j] = pass->ratio[j];
+    }
     return err;
 }
 
@@ -100,8 +121,7 @@ static enum ls_err one_ratio(struct pass *pass, const struct band *band, uint32_
     uint32_t colours = field->n_channels;
     size_t n = (size_t)band->padded.width * band->padded.height * colours;
     size_t row = (size_t)field->width * colours;
-    enum ls_err err = ls_relight_demosaic(field, ls_relight_rows_get(&pass->v, q), pass->v.window,
-                                          band->padded, pass->v_rgb);
+    enum ls_err err = fill_v(pass, band, q, n);
     if (!err)
         err = ls_relight_demosaic(field, ls_relight_rows_get(&pass->f, q), pass->f.window,
                                   band->padded, pass->f_rgb);

@@ -16,13 +16,16 @@
 #include <stdbool.h>
 #include <stdint.h>
 
-/** Ratio q = sum_j f_rows[q][j] f[j] / sum_j v_rows[q][j] v[j]. */
+/** Ratio q = sum_j f_rows[q][j] f[j] / sum_j v_rows[q][j] v[j]; with @coloured, of camera colour c
+ * that of v_rows[3 q + c], both demosaiced, and sigma that of the first: factors of some percent
+ * are nothing to a noise. */
 struct ls_ratio_job {
     uint32_t n, n_v, n_f;
     const struct ls_picture *v, *f; /* [n_v], [n_f] */
     const float *v_rows, *f_rows;   /* [n][n_v], [n][n_f] */
-    bool squares; /* v_rows is [2 n][n_v]: behind the weights stand their squares, whose sum is the
-                     light that V has its shot noise of; without them it is V */
+    bool coloured;                  /* v_rows is [3 n][n_v] */
+    bool squares; /* v_rows is twice as long: behind the weights stand their squares, whose sum is
+                     the light that V has its shot noise of; without them it is V */
     const double (*neutral)[3]; /* [n], p(s,c) / p(0,c) */
     float **maps;               /* [n] -> [height][width][n_channels] */
     const struct ls_job *asker; /* no more bands once it is cancelled; or NULL */

@@ -27,9 +27,10 @@ static struct ls_render_stream *stream_of(struct ls_render *render, const struct
     return stream;
 }
 
-/* One more sum of @set under w (times phi of a segment, [n_lights] of @stride); its place. */
+/* One more sum of @set under w (times phi of a segment, [n_lights] of @stride), right in @colour
+ * or, -1, in all; its place. */
 static enum ls_err add_sum(struct ls_render *render, const struct ls_light_set *set,
-                           const double *w, const double *phi, uint32_t stride,
+                           const double *w, const double *phi, uint32_t stride, int32_t colour,
                            struct ls_render_sum *out, struct ls_diag *diag)
 {
     struct ls_render_stream *stream = stream_of(render, set);
@@ -51,7 +52,14 @@ static enum ls_err add_sum(struct ls_render *render, const struct ls_light_set *
         return ls_fail(diag, LS_ERR_NOMEM, "out of memory for the weights of %u lights", n);
     for (uint32_t i = 0; i < n; i++)
         blended[i] = w[i] * (phi ? phi[(size_t)i * stride] : 1);
-    return ls_light_set_row(set, blended, n, row, diag);
+    return ls_light_set_row(set, blended, n, colour, row, diag);
+}
+
+static const struct ls_light_set *input_of(const struct ls_field_source *source,
+                                           const struct ls_field_map *map, uint32_t k)
+{
+    uint32_t s = map->inputs[k];
+    return s ? &source->set[source->channel_of[s]] : &source->white;
 }
 
 static enum ls_err add_inputs(struct ls_render *render, struct ls_render_part *part,
@@ -59,11 +67,15 @@ static enum ls_err add_inputs(struct ls_render *render, struct ls_render_part *p
 {
     const struct ls_field_source *source = render->source;
     const struct ls_field_map *map = part->way.map;
+    struct ls_render_sum next;
     enum ls_err err = LS_OK;
+    for (uint32_t k = 0; k < map->n_inputs; k++)
+        part->coloured |= ls_light_set_is_coloured(input_of(source, map, k));
     for (uint32_t k = 0; k < map->n_inputs && !err; k++) {
-        uint32_t s = map->inputs[k];
-        const struct ls_light_set *set = s ? &source->set[source->channel_of[s]] : &source->white;
-        err = add_sum(render, set, w, NULL, 0, &part->sums[k], diag);
+        const struct ls_light_set *set = input_of(source, map, k);
+        err = add_sum(render, set, w, NULL, 0, part->coloured ? 0 : -1, &part->sums[k], diag);
+        for (int32_t c = 1; c < 3 && part->coloured && !err; c++)
+            err = add_sum(render, set, w, NULL, 0, c, &next, diag);
     }
     part->n_sums = map->n_inputs;
     return err;
@@ -76,7 +88,7 @@ static enum ls_err add_segments(struct ls_render *render, struct ls_render_part 
     struct ls_render_sum sum;
     enum ls_err err = LS_OK;
     for (uint32_t g = 0; g < map->n_segments && !err; g++) {
-        err = add_sum(render, part->way.set, w, map->phi + g, map->n_segments, &sum, diag);
+        err = add_sum(render, part->way.set, w, map->phi + g, map->n_segments, -1, &sum, diag);
         if (g == 0)
             part->sums[0] = sum; /* the others follow it */
     }
@@ -104,17 +116,33 @@ static enum ls_err add_separated(struct ls_render *render, struct ls_render_part
 }
 
 static enum ls_err add_part(struct ls_render *render, const struct ls_render_term *term,
+                            const struct ls_render_job *job, struct ls_diag *diag);
+
+/* For each colour of the camera. */
+static enum ls_err add_three(struct ls_render *render, struct ls_render_term term,
+                             const struct ls_render_job *job, struct ls_diag *diag)
+{
+    enum ls_err err = LS_OK;
+    for (term.target = 0; term.target < 3 && !err; term.target++)
+        err = add_part(render, &term, job, diag);
+    return err;
+}
+
+static enum ls_err add_part(struct ls_render *render, const struct ls_render_term *term,
                             const struct ls_render_job *job, struct ls_diag *diag)
 {
     const struct ls_promotion *promotion = &job->promotion;
     struct ls_render_part *part = &render->parts[render->n_parts];
-    if (render->n_parts == LS_RENDER_MAX_TERMS)
+    if (render->n_parts == 3 * LS_RENDER_MAX_TERMS)
         return ls_fail(diag, LS_ERR_LIMIT, "more than %d terms", LS_RENDER_MAX_TERMS);
     *part = (struct ls_render_part){.target = term->target, .picture = term->picture, .n_sums = 1};
     enum ls_err err =
         ls_promotion_find(render->source, promotion, term->channel, job->asker, &part->way, diag);
     if (err)
         return err;
+    bool direct = part->way.kind == LS_WAY_PHOTOGRAPHED || part->way.kind == LS_WAY_RATIO;
+    if (direct && term->target < 0 && !job->k_alone && ls_light_set_is_coloured(part->way.set))
+        return add_three(render, *term, job, diag);
     render->n_parts++;
     switch (part->way.kind) {
     case LS_WAY_MATRIX:
@@ -127,7 +155,8 @@ static enum ls_err add_part(struct ls_render *render, const struct ls_render_ter
     case LS_WAY_RATIO:
         break;
     }
-    return add_sum(render, part->way.set, term->weights, NULL, 0, &part->sums[0], diag);
+    return add_sum(render, part->way.set, term->weights, NULL, 0, job->k_alone ? -1 : part->target,
+                   &part->sums[0], diag);
 }
 
 /* ---- which lights ---- */
@@ -253,7 +282,7 @@ enum ls_err ls_render_open(struct ls_field_source *source, const struct ls_rende
     for (uint32_t k = 0; k < render->n_streams && !err; k++)
         err = check_stream(render, &render->streams[k], diag);
     if (!err && job->mosaic &&
-        (render->n_parts != 1 || render->parts[0].way.kind != LS_WAY_PHOTOGRAPHED))
+        (render->n_parts == 0 || render->parts[0].way.kind != LS_WAY_PHOTOGRAPHED))
         err = ls_fail(diag, LS_ERR_UNSUPPORTED, "what is promoted has no mosaic");
     if (!err)
         err = check_room(render, diag);

@@ -3,6 +3,9 @@
  * Layer: daemon. Threads: one at a time per object; a step may start more. Ownership: see each
  * function; the source outlives it.
  *
+ * Where lights differ in colour (daemon/light_set.h), a term is a sum for each colour of the
+ * camera, else one. Polarised pictures are separated with k alone.
+ *
  * A single light of a promoted field is a picture with one weight; a relit picture is one with
  * many. Each tile row of the field is read once (polarised pictures: with every band that touches
  * it). The result is bit-identical to making the whole picture at once, whatever the number of
@@ -36,6 +39,7 @@ struct ls_render_job {
     struct ls_demosaic_region region; /* inside the picture */
     double max_error;   /* what may be left out of each picture and pixel, in R before promotion */
     bool mosaic;        /* one term, photographed: the sum before demosaicing */
+    bool k_alone;       /* of photographs: leave out the factors on k for a camera colour */
     unsigned n_threads; /* that share a step, at most LS_CREW_MAX_THREADS; 0 = the caller's alone */
     const struct ls_job *asker; /* open stops soon after it is cancelled; or NULL */
 };

@@ -1,6 +1,7 @@
 #include "daemon/render_band.h"
 
 #include "core/linear.h"
+#include "core/pixel.h"
 
 #include <math.h>
 #include <stdlib.h>
@@ -72,8 +73,8 @@ static void add(const struct ls_render *render, const struct ls_render_part *par
 /* A matrix that core applies to white, all channels at once. */
 static bool is_plain_matrix(const struct ls_render *render, const struct ls_render_part *part)
 {
-    return part->way.kind == LS_WAY_MATRIX && part->n_sums == 1 && part->target < 0 &&
-           render->source->field.n_channels == 3;
+    return part->way.kind == LS_WAY_MATRIX && part->n_sums == 1 && !part->coloured &&
+           part->target < 0 && render->source->field.n_channels == 3;
 }
 
 static bool is_direct(const struct ls_render *render, const struct ls_render_part *part)
@@ -170,13 +171,17 @@ static enum ls_err gather_inputs(const struct ls_render *render, const struct ls
     uint32_t colours = field->n_channels, n_in = part->n_sums * colours;
     size_t n = (size_t)band.width * band.height;
     for (uint32_t k = 0; k < part->n_sums; k++) {
-        float *to = n_in == colours ? v : rgb;
-        enum ls_err err = ls_relight_demosaic(field, sum_at(render, part->sums[k]),
-                                              window_of(render, part->sums[k]), band, to);
-        if (err)
-            return err;
-        for (size_t j = 0; j < n && to == rgb; j++)
-            memcpy(v + j * n_in + k * colours, rgb + j * colours, colours * sizeof *v);
+        uint32_t n_sums = part->coloured ? colours : 1, taken = part->coloured ? 1 : colours;
+        float *to = n_in == colours && n_sums == 1 ? v : rgb;
+        for (uint32_t c = 0; c < n_sums; c++) {
+            const struct ls_render_sum sum = {part->sums[k].stream, part->sums[k].q + c};
+            enum ls_err err =
+                ls_relight_demosaic(field, sum_at(render, sum), window_of(render, sum), band, to);
+            if (err)
+                return err;
+            for (size_t j = 0; j < n && to == rgb; j++)
+                memcpy(v + j * n_in + k * colours + c, rgb + j * colours + c, taken * sizeof *v);
+        }
     }
     return LS_OK;
 }
@@ -267,14 +272,16 @@ static enum ls_err finish_all_separated(struct ls_render *render, struct ls_demo
 static void finish_mosaic(const struct ls_render *render, struct ls_demosaic_region band,
                           float *picture)
 {
-    const struct ls_render_sum sum = render->parts[0].sums[0];
-    const struct ls_demosaic_region window = window_of(render, sum);
+    const struct ls_demosaic_region window = window_of(render, render->parts[0].sums[0]);
+    enum ls_cfa cfa = render->source->field.cfa;
     float scale = (float)render->source->field.scale;
     for (uint32_t y = 0; y < band.height; y++) {
-        const float *from = sum_at(render, sum) + (size_t)(band.y + y - window.y) * window.width +
-                            (band.x - window.x);
-        for (uint32_t x = 0; x < band.width; x++, picture += 3)
-            picture[0] = picture[1] = picture[2] = scale * from[x];
+        size_t from = (size_t)(band.y + y - window.y) * window.width + (band.x - window.x);
+        for (uint32_t x = 0; x < band.width; x++, picture += 3) {
+            unsigned part = render->n_parts == 1 ? 0 : ls_cfa_channel(cfa, band.x + x, band.y + y);
+            const float *sum = sum_at(render, render->parts[part].sums[0]);
+            picture[0] = picture[1] = picture[2] = scale * sum[from + x];
+        }
     }
 }
 

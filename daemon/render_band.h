@@ -27,6 +27,8 @@ struct ls_render_sum {
 struct ls_render_part {
     struct ls_way way;
     int32_t target;
+    bool coloured; /* MATRIX: of each input three sums that follow each other, one for each colour
+                      of the camera */
     uint32_t picture, n_sums;
     struct ls_render_sum sums[LS_LINEAR_MAX_INPUTS]; /* BLEND: the first of n_sums that follow each
                                                         other; SEPARATED: q, a row of `separated` */
@@ -44,7 +46,7 @@ struct ls_render {
 
     struct ls_render_stream streams[LS_MAX_CHANNELS + 1]; /* white, and each channel */
     uint32_t n_streams;
-    struct ls_render_part parts[LS_RENDER_MAX_TERMS];
+    struct ls_render_part parts[3 * LS_RENDER_MAX_TERMS]; /* a term may be one for each colour */
     uint32_t n_parts;
 
     struct ls_separation separation; /* if n_separated > 0 */

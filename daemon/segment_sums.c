@@ -6,11 +6,11 @@
 #include <stdlib.h>
 #include <string.h>
 
-/* Sums in order: V [set][segment][target], U [target][segment], F [target][segment]. */
+/* Sums in order: V [set][segment][target][row], U [target][segment], F [target][segment]. */
 
 static uint32_t first_u(const struct ls_linear_job *job, uint32_t n)
 {
-    return job->n_sets * job->n_segments * n;
+    return job->n_sets * job->n_segments * n * job->n_rows;
 }
 
 static uint32_t first_f(const struct ls_linear_job *job, uint32_t n)
@@ -29,9 +29,10 @@ static float *sum_at(const struct ls_segment_sums *sums, uint32_t index)
 }
 
 const float *ls_segment_sums_v(const struct ls_segment_sums *sums, uint32_t t, uint32_t set,
-                               uint32_t g)
+                               uint32_t g, uint32_t colour)
 {
-    return sum_at(sums, (set * sums->job->n_segments + g) * sums->n + t);
+    uint32_t v = (set * sums->job->n_segments + g) * sums->n + t;
+    return sum_at(sums, v * sums->job->n_rows + colour);
 }
 
 const float *ls_segment_sums_u(const struct ls_segment_sums *sums, uint32_t t, uint32_t g)
@@ -77,14 +78,18 @@ void ls_segment_sums_finish(struct ls_segment_sums *sums)
 
 /* ---- weights ---- */
 
-enum ls_err ls_segment_row(const struct ls_linear_job *job, uint32_t s, uint32_t set,
-                           uint32_t segment, double *w, float *row, struct ls_diag *diag)
+enum ls_err ls_segment_row(const struct ls_linear_job *job, const struct ls_linear_target *target,
+                           uint32_t set, uint32_t segment, int32_t colour, double *w, float *row,
+                           struct ls_diag *diag)
 {
     uint32_t n = job->field->n_lights;
-    const double *g = job->field->g + (size_t)s * n;
-    for (uint32_t i = 0; i < n; i++)
+    const double *g = job->field->g + (size_t)target->s * n;
+    const double *factor = colour < 0 ? NULL : target->colour;
+    for (uint32_t i = 0; i < n; i++) {
         w[i] = segment == UINT32_MAX || job->segment[i] == segment ? g[i] : 0;
-    return ls_light_set_row(job->set[set], w, n, row, diag);
+        w[i] /= factor ? factor[3 * i + (uint32_t)colour] : 1;
+    }
+    return ls_light_set_row(job->set[set], w, n, colour, row, diag);
 }
 
 static enum ls_err blended_row(const struct ls_linear_job *job, uint32_t s, uint32_t segment,
@@ -94,7 +99,7 @@ static enum ls_err blended_row(const struct ls_linear_job *job, uint32_t s, uint
     const double *g = job->field->g + (size_t)s * n;
     for (uint32_t i = 0; i < n; i++)
         w[i] = g[i] * job->phi[(size_t)i * job->n_segments + segment];
-    return ls_light_set_row(job->set[0], w, n, row, diag);
+    return ls_light_set_row(job->set[0], w, n, -1, row, diag);
 }
 
 /* ---- sums ---- */
@@ -116,17 +121,18 @@ static enum ls_err add_v(const struct ls_segment_sums *sums, uint32_t set, uint3
                          float *rows, struct ls_diag *diag)
 {
     const struct ls_linear_job *job = sums->job;
-    uint32_t n = job->set[set]->n_pictures;
+    uint32_t n = job->set[set]->n_pictures, n_rows = sums->n * job->n_rows;
     enum ls_err err = LS_OK;
-    for (uint32_t t = 0; t < sums->n && !err; t++)
-        err = ls_segment_row(job, job->targets[sums->first + t].s, set, g, w, rows + (size_t)t * n,
-                             diag);
+    for (uint32_t q = 0; q < n_rows && !err; q++)
+        err = ls_segment_row(job, &job->targets[sums->first + q / job->n_rows], set, g,
+                             job->n_rows > 1 ? (int32_t)(q % job->n_rows) : -1, w,
+                             rows + (size_t)q * n, diag);
     const struct ls_accumulate_job a = {.pictures = job->set[set]->pictures,
                                         .n_pictures = n,
-                                        .n_sums = sums->n,
+                                        .n_sums = n_rows,
                                         .weights = rows,
                                         .sum_stride = sums->plane};
-    return err ? err : accumulate(sums, &a, (set * job->n_segments + g) * sums->n, diag);
+    return err ? err : accumulate(sums, &a, (set * job->n_segments + g) * n_rows, diag);
 }
 
 static enum ls_err add_u(const struct ls_segment_sums *sums, uint32_t t, uint32_t g, double *w,
@@ -167,7 +173,7 @@ static enum ls_err add_item(void *user, uint32_t item, unsigned thread, struct l
         return add_f(sums, at / job->n_segments, at % job->n_segments, diag);
     LS_CLEANUP_FREE double *room = malloc(job->field->n_lights * sizeof *room);
     LS_CLEANUP_FREE float *rows =
-        malloc((size_t)sums->n * job->set[set]->n_pictures * sizeof *rows);
+        malloc((size_t)sums->n * job->n_rows * job->set[set]->n_pictures * sizeof *rows);
     if (!room || !rows)
         return ls_fail(diag, LS_ERR_NOMEM, "out of memory for weights");
     return item < n_v ? add_v(sums, set, item % job->n_segments, room, rows, diag)

@@ -3,7 +3,8 @@
  * Layer: daemon, for linear_maps.c. Threads: one owner; makes sums with a crew. Ownership: owns the
  * sums; job and pictures are the caller's and outlive it.
  *
- * Of each target t and segment g: V of each set of inputs, under the strengths of t; F; and, for a
+ * Of each target t and segment g: V of each set of inputs, under the strengths of t, one sum or one
+ * for each camera colour; F; and, for a
  * blend, U of all lights times phi. Mosaics. Each tile row of the field is read once for all.
  */
 #ifndef LS_DAEMON_SEGMENT_SUMS_H
@@ -42,15 +43,16 @@ enum { LS_SEGMENT_SUMS_KEEP = 2 * (LS_LINEAR_HALO_PX + LS_DEMOSAIC_HALO) };
 
 /** Over the window; @t counts from `first`. (transfer none), until the next advance. */
 const float *ls_segment_sums_v(const struct ls_segment_sums *sums, uint32_t t, uint32_t set,
-                               uint32_t g);
+                               uint32_t g, uint32_t colour);
 const float *ls_segment_sums_f(const struct ls_segment_sums *sums, uint32_t t, uint32_t g);
 const float *ls_segment_sums_u(const struct ls_segment_sums *sums, uint32_t t, uint32_t g);
 
-/** Weights of V of a segment, or with UINT32_MAX of all lights, under the strengths of @s: @w of
- * the lights, [n_lights], and @row over the pictures of set @set. Errors: those of
- * ls_light_set_row. */
-LS_MUST_CHECK enum ls_err ls_segment_row(const struct ls_linear_job *job, uint32_t s, uint32_t set,
-                                         uint32_t segment, double *w, float *row,
+/** Weights of V of a segment, or with UINT32_MAX of all lights, under the strengths of
+ * @target, those in camera colour @colour, or -1: @w of the lights, [n_lights], and @row over the
+ * pictures of set @set. Errors: those of ls_light_set_row. */
+LS_MUST_CHECK enum ls_err ls_segment_row(const struct ls_linear_job *job,
+                                         const struct ls_linear_target *target, uint32_t set,
+                                         uint32_t segment, int32_t colour, double *w, float *row,
                                          struct ls_diag *diag);
 
 /** Zeroed is allowed. */

@@ -68,6 +68,34 @@ static void fill_lights(struct ls_calibration *cal, struct full_take *take)
     g_rand_free(random);
 }
 
+static void fill_colours(struct ls_calibration *cal, struct full_take *take,
+                         const struct full_take_options *options)
+{
+    GRand *random = g_rand_new_with_seed(6);
+    uint32_t colours = cal->n_colours;
+    if (options->coloured || options->white_coloured || options->ones)
+        cal->k_colour = calloc((size_t)FULL_CHANNELS * FULL_LIGHTS * colours, sizeof(float));
+    for (int c = 0; c < FULL_CHANNELS; c++)
+        for (uint32_t x = 0; x < 3; x++) {
+            bool white = c == FULL_CW || c == FULL_CV;
+            bool differs = (options->coloured && (white || c == FULL_CR)) ||
+                           (options->white_coloured && white);
+            double drawn[FULL_LIGHTS], mean = 0; /* of g, which is 1 with the factors too */
+            for (int i = 0; i < FULL_LIGHTS; i++) {
+                drawn[i] = differs ? g_rand_double_range(random, 0.97, 1.03) : 1;
+                mean += 1 / (drawn[i] * take->k[c][i]) / FULL_LIGHTS;
+            }
+            for (int i = 0; i < FULL_LIGHTS; i++) {
+                float factor = differs ? (float)(drawn[i] * mean) : 1;
+                take->colour[c][i][x] = (double)factor;
+                if (cal->k_colour && (colours == 3 || x == 1))
+                    cal->k_colour[(c * FULL_LIGHTS + i) * colours + (colours == 3 ? x : 0)] =
+                        factor;
+            }
+        }
+    g_rand_free(random);
+}
+
 static void fill_patterns(struct ls_calibration *cal, bool spheres_only)
 {
     size_t n = spheres_only ? 1 : G_N_ELEMENTS(patterns);
@@ -105,6 +133,7 @@ static struct ls_calibration *calibrate(struct full_take *take,
     g_assert_cmpint(ls_calibration_create(FULL_LIGHTS, FULL_CHANNELS, colours, &cal, NULL), ==,
                     LS_OK);
     fill_lights(cal, take);
+    fill_colours(cal, take, options);
     fill_patterns(cal, options->sphere_factors_only);
     if (options->polarisation)
         fill_polarisation(cal, options);
@@ -270,15 +299,15 @@ static double coat(const struct full_take_options *options, int i, int p, bool r
     return bright * exp(-0.002 * d * d) * (red ? red_p[colour] : white_p[colour]);
 }
 
-static int colour_at(int p, bool mono)
+int full_take_colour_at(int p, bool mono)
 {
     int x = p % FULL_W, y = p / FULL_W;
     return mono ? 1 : x % 2 + y % 2; /* RGGB */
 }
 
-static double reflected(const struct full_take_options *options, int channel, int i, int p)
+double full_take_reflected(const struct full_take_options *options, int channel, int i, int p)
 {
-    int c = colour_at(p, options->mono);
+    int c = full_take_colour_at(p, options->mono);
     bool red = channel == FULL_CR;
     if (channel == FULL_CG)
         return 0.5 * (diffuse(i, p, false, c) + coat(options, i, p, false, c)) *
@@ -292,7 +321,9 @@ static double reflected(const struct full_take_options *options, int channel, in
 static double lit(const struct full_take *take, const struct full_take_options *options,
                   int channel, int i, int p)
 {
-    return reflected(options, channel, i, p) / take->k[channel][i];
+    int c = full_take_colour_at(p, options->mono);
+    return full_take_reflected(options, channel, i, p) /
+           (take->k[channel][i] * take->colour[channel][i][c]);
 }
 
 static void make_pixels(struct full_take *take, const struct full_take_options *options)

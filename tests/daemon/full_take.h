@@ -32,7 +32,10 @@ struct full_take_options {
     float ambient;    /* that came after the darks: in every row */
     bool some_red;    /* R light by light too, of the head light's lights */
     bool glint;       /* light FULL_GLINT mirrors itself to the camera, 30 times all others */
-    int red_lights;   /* R light by light too: of lights 1, 3, 5 .. so many; FULL_LIGHTS = all */
+    bool coloured;    /* lights of W, R and V differ in colour by up to 3 % */
+    bool white_coloured; /* those of W and V alone */
+    bool ones;           /* calibrated: factors of k for each camera colour that are all 1 */
+    int red_lights;      /* R light by light too: of lights 1, 3, 5 .. so many; FULL_LIGHTS = all */
 };
 
 struct full_take {
@@ -40,6 +43,7 @@ struct full_take {
     struct ls_calibration *calibration;
     double scale;
     double k[FULL_CHANNELS][FULL_LIGHTS];
+    double colour[FULL_CHANNELS][FULL_LIGHTS][3]; /* factors on k */
     /* stored values, exact halves */
     float light[FULL_CHANNELS][FULL_LIGHTS][FULL_PIXELS];
     float sphere[FULL_CHANNELS][FULL_PIXELS]; /* W, R */
@@ -50,6 +54,13 @@ struct full_take {
 
 /** Light i is in segment i % FULL_SEGMENTS; the head light is lights 0 to FULL_HEAD - 1. */
 struct full_take *make_full_take(const struct full_take_options *options);
+
+/** R = k E of a pixel's own colour under a light: what the take was made of. */
+double full_take_reflected(const struct full_take_options *options, int channel, int light,
+                           int pixel);
+
+/** Camera colour of a pixel; mono: 1. */
+int full_take_colour_at(int pixel, bool mono);
 
 /** What a stored picture of a pattern is multiplied by: factor / duty. */
 double full_take_factor(const char *pattern);

@@ -128,9 +128,47 @@ static void sums_of_pictures_are_the_nearest_halves(struct room *room, gconstpoi
     g_assert_cmpfloat(apart(room, 'R', denormal), <=, nearest);
 }
 
+/* Largest error of light 7 as floats, mosaic or where the camera has that colour itself, against
+ * k E with the factors of its colour, or E. */
+static double off_by(struct room *room, Lightstage__Quantity quantity, Lightstage__Layout layout)
+{
+    const struct full_take *take = room->take;
+    const Lightstage__Region *r = &room->region;
+    room->fetch.n_lights = 1;
+    room->fetch.quantity = quantity;
+    room->fetch.layout = layout;
+    GByteArray *got = fetched(room, 'W', LIGHTSTAGE__SAMPLE__FLOAT);
+    size_t components = layout == LIGHTSTAGE__LAYOUT__RGB ? 3 : 1;
+    bool gained = quantity == LIGHTSTAGE__QUANTITY__REFLECTANCE;
+    double worst = 0;
+    for (size_t j = 0; j < (size_t)r->width * r->height; j++) {
+        int p = (int)((r->y + j / r->width) * FULL_W + r->x + j % r->width);
+        int c = full_take_colour_at(p, false);
+        double gain = gained ? take->scale * take->k[FULL_CW][7] * take->colour[FULL_CW][7][c] : 1;
+        double expected = gain * (double)take->light[FULL_CW][7][p];
+        float f;
+        size_t at = components * j + (components == 3 ? (size_t)c : 0);
+        memcpy(&f, got->data + at * sizeof f, sizeof f);
+        worst = fmax(worst, fabs((double)f / expected - 1));
+    }
+    g_byte_array_unref(got);
+    return worst;
+}
+
+/* A few roundings of a float. */
+static void lights_of_every_colour_have_their_own_gains(struct room *room, gconstpointer data)
+{
+    for (int layout = 0; layout < 2; layout++) {
+        Lightstage__Layout l = layout ? LIGHTSTAGE__LAYOUT__RGB : LIGHTSTAGE__LAYOUT__MOSAIC;
+        g_assert_cmpfloat(off_by(room, LIGHTSTAGE__QUANTITY__REFLECTANCE, l), <, 1e-6);
+        g_assert_cmpfloat(off_by(room, LIGHTSTAGE__QUANTITY__ESTIMATE, l), <, 1e-6);
+    }
+}
+
 int main(int argc, char **argv)
 {
     static const struct full_take_options mono = {.mono = true}, rows = {.multiplexed = true};
+    static const struct full_take_options coloured = {.coloured = true};
     g_test_init(&argc, &argv, NULL);
 #define ADD(name, options, test) \
     g_test_add("/halves/" name, struct room, options, enter, test, leave)
@@ -142,5 +180,9 @@ int main(int argc, char **argv)
         promoted_lights_are_within_three_roundings);
     ADD("other-ways-are-the-nearest-halves", NULL, other_ways_are_the_nearest_halves);
     ADD("sums-of-pictures-are-the-nearest-halves", &rows, sums_of_pictures_are_the_nearest_halves);
+    ADD("lights-of-every-colour-have-their-own-gains", &coloured,
+        lights_of_every_colour_have_their_own_gains);
+    ADD("lights-of-every-colour-are-the-nearest-halves", &coloured,
+        photographs_are_the_nearest_halves);
     return g_test_run();
 }

@@ -211,6 +211,7 @@ static float *map_by(const struct room *room, unsigned n_threads, struct ls_line
                                         .n_checks = 2,
                                         .checks = {1, 3}};
     struct ls_linear_job job = {.field = &source->field,
+                                .n_rows = 1,
                                 .n_segments = segments->n,
                                 .segment = segments->segment,
                                 .n_sets = 1,

@@ -202,7 +202,7 @@ static void shot_noise_is_that_of_the_pictures(struct room *room, gconstpointer 
         double w[FULL_LIGHTS] = {0}, v = 0, variance = 0;
         for (int i = 0; i < (some ? 3 : FULL_LIGHTS); i++)
             w[i] = 1;
-        g_assert_cmpint(ls_light_set_row(set, w, FULL_LIGHTS, row, NULL), ==, LS_OK);
+        g_assert_cmpint(ls_light_set_row(set, w, FULL_LIGHTS, -1, row, NULL), ==, LS_OK);
         for (int j = 0; j < FULL_ORDER; j++)
             for (int p = 0; p < FULL_PIXELS; p += 97) {
                 double m = (double)room->take->row[j][p];
