@@ -282,12 +282,13 @@ static float as_half(double value)
 }
 
 /* What a pixel sees of light i: diffuse under W or R, and what the coat mirrors, in R = k E. */
-static double diffuse(int i, int p, bool red, int colour)
+static double diffuse(const struct full_take_options *options, int i, int p, bool red, int colour)
 {
     int x = p % FULL_W, y = p / FULL_W;
     double shade = 0.3 + 0.2 * sin(0.05 * x + i) + 0.1 * cos(0.04 * y - 2 * i);
     double albedo = 0.5 + 0.3 * sin(0.03 * x + 0.02 * y + colour);
-    double tint = red ? red_p[colour] * (0.8 + 0.3 * sin(0.02 * y + 0.5 * i)) : white_p[colour];
+    double turn = options->green_like_red ? 2 * M_PI / FULL_SEGMENTS : 0.5;
+    double tint = red ? red_p[colour] * (0.8 + 0.3 * sin(0.02 * y + turn * i)) : white_p[colour];
     return albedo * shade * tint;
 }
 
@@ -310,12 +311,14 @@ double full_take_reflected(const struct full_take_options *options, int channel,
     int c = full_take_colour_at(p, options->mono);
     bool red = channel == FULL_CR;
     if (channel == FULL_CG)
-        return 0.5 * (diffuse(i, p, false, c) + coat(options, i, p, false, c)) *
+        return 0.5 *
+               (diffuse(options, i, p, options->green_like_red, c) +
+                coat(options, i, p, options->green_like_red, c)) *
                (0.9 + 0.2 * sin(0.03 * (p % FULL_W)));
     if (channel < FULL_CV)
-        return diffuse(i, p, red, c) + coat(options, i, p, red, c);
+        return diffuse(options, i, p, red, c) + coat(options, i, p, red, c);
     double share = channel == FULL_CV ? kept(options, i) : 1 - kept(options, i);
-    return 0.5 * diffuse(i, p, false, c) + share * coat(options, i, p, false, c);
+    return 0.5 * diffuse(options, i, p, false, c) + share * coat(options, i, p, false, c);
 }
 
 static double lit(const struct full_take *take, const struct full_take_options *options,

@@ -25,6 +25,7 @@ enum full_channel { FULL_CW, FULL_CR, FULL_CG, FULL_CV, FULL_CH };
 
 struct full_take_options {
     bool mono, mono_two; /* two: G light by light too */
+    bool green_like_red; /* G comes back as R does, and both by a light's segment */
     bool polarised_only; /* no W light by light */
     bool polarisation;   /* calibrated: a light's a_V is what its coat keeps of it, 0.9 to 0.98 */
     bool sphere_factors_only;

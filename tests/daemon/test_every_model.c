@@ -49,14 +49,15 @@ static void all_lights_of_a_colour_camera_make_the_sphere(struct room *room, gco
     all_lights_make_the_sphere_by_every_model(room);
 }
 
+/* What the two spectra tell decides which way is taken; what holds does not depend on it. */
 static void all_lights_of_a_mono_camera_make_the_sphere(struct room *room, gconstpointer data)
 {
     const struct full_take_options *options = data;
     const struct ls_promotion linear = {.model = LIGHTSTAGE__MODEL__LINEAR};
     struct ls_way way;
     g_assert_cmpint(ls_promotion_find(room->source, &linear, FULL_CR, NULL, &way, NULL), ==, LS_OK);
-    g_assert_cmpint(way.kind, ==, options->mono_two ? LS_WAY_MATRIX : LS_WAY_BLEND);
-    g_assert_cmpuint(way.map->depth, ==, options->mono_two ? 2 : FULL_SEGMENTS);
+    g_assert_cmpint(way.kind, ==, options->green_like_red ? LS_WAY_MATRIX : LS_WAY_BLEND);
+    g_assert_cmpuint(way.map->depth, ==, way.kind == LS_WAY_MATRIX ? 2 : FULL_SEGMENTS);
     all_lights_make_the_sphere_by_every_model(room);
 }
 
@@ -289,6 +290,8 @@ int main(int argc, char **argv)
     static const struct full_take_options mono = {.mono = true},
                                           polarised = {.polarised_only = true};
     static const struct full_take_options two = {.mono = true, .mono_two = true};
+    static const struct full_take_options telling = {
+        .mono = true, .mono_two = true, .green_like_red = true};
     static const struct full_take_options some = {.some_red = true};
     g_test_init(&argc, &argv, NULL);
     TEST("all-lights-of-a-colour-camera-make-the-sphere", NULL,
@@ -297,11 +300,15 @@ int main(int argc, char **argv)
          all_lights_of_a_mono_camera_make_the_sphere);
     TEST("all-lights-of-a-mono-camera-with-two-spectra-make-the-sphere", &two,
          all_lights_of_a_mono_camera_make_the_sphere);
+    TEST("all-lights-of-a-mono-camera-with-two-telling-spectra-make-the-sphere", &telling,
+         all_lights_of_a_mono_camera_make_the_sphere);
     TEST("a-region-is-the-crop-of-the-whole-by-every-model", NULL,
          a_region_is_the_crop_of_the_whole_by_every_model);
     TEST("a-region-of-a-mono-camera-is-the-crop-of-the-whole-by-every-model", &mono,
          a_region_is_the_crop_of_the_whole_by_every_model);
     TEST("a-region-of-a-mono-camera-with-two-spectra-is-the-crop-of-the-whole", &two,
+         a_region_is_the_crop_of_the_whole_by_every_model);
+    TEST("a-region-of-a-mono-camera-with-two-telling-spectra-is-the-crop-of-the-whole", &telling,
          a_region_is_the_crop_of_the_whole_by_every_model);
     TEST("lights-that-cannot-matter-are-left-out-by-every-model", NULL,
          lights_that_cannot_matter_are_left_out_by_every_model);

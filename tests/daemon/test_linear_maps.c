@@ -1,5 +1,6 @@
 /* linear maps: fitted by any number of threads, given up when nobody wants them, held against
  * single lights. */
+#include "core/mono_blend.h"
 #include "core/relight.h"
 #include "core/segments.h"
 #include "daemon/fetch_job.h"
@@ -173,6 +174,52 @@ static void a_second_spectrum_of_a_mono_camera_does_no_harm(struct room *room, g
     leave(&other, NULL);
 }
 
+/* What is estimated of red by white's blend, or by the matrices of white and green. */
+static double estimate_by(const struct room *room, bool blend)
+{
+    const struct ls_field_source *source = room->source;
+    const struct ls_field *field = &source->field;
+    struct ls_field_segments *segments = g_new(struct ls_field_segments, 1);
+    double phi[FULL_LIGHTS * FULL_SEGMENTS], others[FULL_SEGMENTS * FULL_SEGMENTS];
+    g_assert_cmpint(ls_field_segments_find(source, FULL_CR, segments, NULL), ==, LS_OK);
+    g_autofree float *map = g_new0(float, (size_t)FULL_SEGMENTS *FULL_PIXELS);
+    struct ls_linear_target target = {.s = (uint32_t)ls_field_source_spectrum(source, FULL_CR),
+                                      .f = segments->pictures,
+                                      .factor = segments->factor,
+                                      .map = map,
+                                      .photographed = &source->set[FULL_CR]};
+    int green = ls_field_source_spectrum(source, FULL_CG);
+    struct ls_linear_job job = {.field = field,
+                                .n_segments = segments->n,
+                                .segment = segments->segment,
+                                .n_sets = blend ? 1 : 2,
+                                .set = {&source->white, &source->set[FULL_CG]},
+                                .p_in = {field->p[0], field->p[green]},
+                                .phi = blend ? phi : NULL,
+                                .others = blend ? others : NULL,
+                                .n_targets = 1,
+                                .targets = &target,
+                                .crew = {1, NULL}};
+    g_assert_cmpint(ls_mono_blend_weights(field->directions, FULL_LIGHTS, segments->segment,
+                                          FULL_SEGMENTS, phi, NULL),
+                    ==, LS_OK);
+    ls_mono_blend_others(phi, FULL_LIGHTS, segments->segment, FULL_SEGMENTS, others);
+    g_assert_cmpint(ls_linear_maps_make(&job, NULL), ==, LS_OK);
+    g_free(segments);
+    return ls_linear_estimate(&target.left_out);
+}
+
+static void of_two_spectra_the_way_estimated_better_is_served(struct room *room, gconstpointer data)
+{
+    struct ls_way way = way_to_red(room);
+    double blend = estimate_by(room, true), matrix = estimate_by(room, false);
+    g_test_message("a blend: estimated %.4f, matrices: %.4f", blend, matrix);
+    g_assert_cmpfloat(blend, >, 0);
+    g_assert_cmpfloat(matrix, >, 0);
+    g_assert_cmpint(way.kind, ==, blend < matrix ? LS_WAY_BLEND : LS_WAY_MATRIX);
+    g_assert_cmpfloat(way.map->left_out_error, ==, fmin(blend, matrix));
+}
+
 static void the_report_says_what_was_checked(struct room *room, gconstpointer data)
 {
     struct ls_way way = way_to_red(room);
@@ -331,12 +378,18 @@ int main(int argc, char **argv)
     static const struct full_take_options glint = {.glint = true, .red_lights = 3};
     static const struct full_take_options mono = {.mono = true, .red_lights = 2};
     static const struct full_take_options two = {.mono = true, .mono_two = true};
+    static const struct full_take_options telling = {
+        .mono = true, .mono_two = true, .green_like_red = true};
     g_test_init(&argc, &argv, NULL);
     TEST("a-few-single-lights-check-the-fit", &few, a_few_single_lights_check_the_fit);
     TEST("a-highlight-has-an-error-of-its-own", &glint, a_few_single_lights_check_the_fit);
     TEST("a-few-single-lights-check-a-blend", &mono, a_few_single_lights_check_the_fit);
     TEST("a-second-spectrum-of-a-mono-camera-does-no-harm", &two,
          a_second_spectrum_of_a_mono_camera_does_no_harm);
+    TEST("of-two-spectra-the-way-estimated-better-is-served", &two,
+         of_two_spectra_the_way_estimated_better_is_served);
+    TEST("of-two-telling-spectra-the-way-estimated-better-is-served", &telling,
+         of_two_spectra_the_way_estimated_better_is_served);
     TEST("the-report-says-what-was-checked", &glint, the_report_says_what_was_checked);
     TEST("a-spectrum-under-all-lights-is-not-fitted", &all,
          a_spectrum_under_all_lights_is_not_fitted);
