@@ -240,7 +240,8 @@ static enum ls_err solve_turns(struct work *work, uint32_t first)
     struct ls_diag *diag = &work->context->diag;
     struct ls_environment_file environment;
     enum ls_err err = LS_OK;
-    if (ls_environment_file_read(path, options->space, options->profile, &environment, diag))
+    const struct ls_environment_ball known = {work->document->calibration, options->profile};
+    if (ls_environment_file_read(path, options->space, &known, &environment, diag))
         return LS_ERR_INVALID;
     for (uint32_t k = first; k < first + options->n_turns && !err; k++) {
         struct ls_light_options solve = options->solve;

@@ -107,14 +107,24 @@ static uint32_t map_height(double radius_px)
     return height < 32 ? 32 : height > 1024 ? 1024 : (uint32_t)height;
 }
 
-static enum ls_err unfold_ball(const struct ls_image *picture, const struct ls_profile *profile,
+/* NULL: nobody knows it. */
+static const double *reflectivity_of(const struct ls_captured *probe,
+                                     const struct ls_environment_ball *known)
+{
+    const struct ls_calibration *measured = known->calibration;
+    if (probe->has_reflectivity)
+        return probe->reflectivity;
+    if (measured && measured->has_mirror && measured->n_colours == 3)
+        return measured->mirror_reflectivity;
+    return known->profile ? known->profile->ball_reflectivity : NULL;
+}
+
+static enum ls_err unfold_ball(const struct ls_image *picture,
+                               const struct ls_environment_ball *known,
                                struct ls_environment_file *out, struct ls_diag *diag)
 {
     const struct ls_captured *probe = out->probe;
-    const double one[3] = {1, 1, 1};
-    const double *reflectivity = probe->has_reflectivity ? probe->reflectivity
-                                 : profile               ? profile->ball_reflectivity
-                                                         : one;
+    const double one[3] = {1, 1, 1}, *reflectivity = reflectivity_of(probe, known);
     struct ls_mirror_ball ball = {.rgb = picture->pixels,
                                   .width = picture->width,
                                   .height = picture->height,
@@ -126,8 +136,8 @@ static enum ls_err unfold_ball(const struct ls_image *picture, const struct ls_p
     uint32_t height = map_height(probe->radius_px);
     memcpy(ball.centre_px, probe->centre_px, sizeof ball.centre_px);
     memcpy(ball.to_camera, probe->camera_direction, sizeof ball.to_camera);
-    memcpy(ball.reflectivity, reflectivity, sizeof ball.reflectivity);
-    if (reflectivity == one)
+    memcpy(ball.reflectivity, reflectivity ? reflectivity : one, sizeof ball.reflectivity);
+    if (!reflectivity)
         out->warning = "the mirror ball's reflectivity is not known: taken as 1";
     enum ls_err err = ls_image_init(&out->image, 2 * height, height, 3, max_pixel_bytes, diag);
     if (!err)
@@ -138,27 +148,27 @@ static enum ls_err unfold_ball(const struct ls_image *picture, const struct ls_p
 }
 
 static enum ls_err read_probe(const char *path, const char *bytes, size_t n,
-                              const struct ls_profile *profile, struct ls_environment_file *out,
-                              struct ls_diag *diag)
+                              const struct ls_environment_ball *known,
+                              struct ls_environment_file *out, struct ls_diag *diag)
 {
     struct ls_image picture = {0};
     enum ls_err err = ls_captured_parse_json(bytes, n, &out->probe, diag);
     if (!err)
         err = read_ball(path, out->probe->picture, &picture, diag);
     if (!err)
-        err = unfold_ball(&picture, profile, out, diag);
+        err = unfold_ball(&picture, known, out, diag);
     ls_image_finish(&picture);
     return err;
 }
 
 static enum ls_err read_bytes(const char *path, const char *bytes, size_t n,
-                              const struct ls_profile *profile, struct ls_environment_file *out,
-                              struct ls_diag *diag)
+                              const struct ls_environment_ball *known,
+                              struct ls_environment_file *out, struct ls_diag *diag)
 {
     if (format_of(path) != FORMAT_JSON)
         return read_picture(format_of(path), bytes, n, &out->image, diag);
     if (ls_captured_is(bytes, n))
-        return read_probe(path, bytes, n, profile, out, diag);
+        return read_probe(path, bytes, n, known, out, diag);
     return ls_lobes_parse_json(bytes, n, &out->lobes, diag);
 }
 
@@ -169,7 +179,7 @@ static enum ls_err named(enum ls_err err, const char *path, struct ls_diag *diag
 }
 
 enum ls_err ls_environment_file_read(const char *path, enum ls_map_space space,
-                                     const struct ls_profile *profile,
+                                     const struct ls_environment_ball *known,
                                      struct ls_environment_file *out, struct ls_diag *diag)
 {
     char *bytes = NULL;
@@ -183,7 +193,7 @@ enum ls_err ls_environment_file_read(const char *path, enum ls_map_space space,
     enum ls_err err = ls_command_read_file(path, max_file_bytes, &bytes, &n, diag);
     if (err)
         return err;
-    err = named(read_bytes(path, bytes, n, profile, out, diag), path, diag);
+    err = named(read_bytes(path, bytes, n, known, out, diag), path, diag);
     free(bytes);
     if (err) {
         ls_environment_file_finish(out);

@@ -6,6 +6,7 @@
 #ifndef LS_CLIENTS_ENVIRONMENT_FILE_H
 #define LS_CLIENTS_ENVIRONMENT_FILE_H
 
+#include "core/calibration.h"
 #include "core/environment.h"
 #include "core/error.h"
 #include "core/image.h"
@@ -21,12 +22,19 @@ struct ls_environment_file {
     struct ls_map map; /* view of image */
 };
 
+/** Who knows the reflectivity of a captured light's ball where its JSON does not say: first what
+ * was measured of the take's chrome ball (R, G and B), then a profile. Either may be NULL; 1 with a
+ * warning where neither knows. */
+struct ls_environment_ball {
+    const struct ls_calibration *calibration;
+    const struct ls_profile *profile;
+};
+
 /** Read by extension: .hdr .pic, .exr, .json (core/environment.h or core/captured.h; the ball's
- * picture lies beside its JSON). @space is what a map's numbers mean; @profile may be NULL, and
- * otherwise gives the ball's reflectivity where the JSON does not. Errors: LS_ERR_INVALID,
+ * picture lies beside its JSON). @space is what a map's numbers mean; Errors: LS_ERR_INVALID,
  * LS_ERR_UNSUPPORTED, LS_ERR_LIMIT, each with the file's name. */
 LS_MUST_CHECK enum ls_err ls_environment_file_read(const char *path, enum ls_map_space space,
-                                                   const struct ls_profile *profile,
+                                                   const struct ls_environment_ball *known,
                                                    struct ls_environment_file *out,
                                                    struct ls_diag *diag);
 
