@@ -338,7 +338,7 @@ static bool next_event(struct ls_dome *dome, const uint16_t *regs, struct ls_ste
     if (at < n && at < LS_WIRE_EVENTS_PER_READ)
         ls_wire_decode_event(regs + LS_WIRE_ST_EVENTS + at * LS_WIRE_EVENT_SIZE, event);
     else if (dome->armed && ops->take_event &&
-             ops->take_event(dome->link, dome->arm, dome->next_event, sent))
+             ops->take_event(dome->link, dome->boot, dome->arm, dome->next_event, sent))
         ls_wire_decode_event(sent, event);
     else
         return false;

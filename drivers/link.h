@@ -37,10 +37,10 @@ struct ls_link_ops {
     enum ls_err (*write_read)(struct ls_link *link, unsigned write_address, unsigned n_write,
                               const uint16_t *write, unsigned read_address, unsigned n_read,
                               uint16_t *read, struct ls_diag *diag);
-    /** For wires on which the controller sends event records unasked: the next record after arm
-     * @arm whose sequence number is @sequence, if it has come. NULL: events come with the status
-     * block alone. Never blocks. */
-    bool (*take_event)(struct ls_link *link, uint16_t arm, uint32_t sequence,
+    /** For wires on which the controller sends event records unasked: the record of arm @arm since
+     * power-up @boot whose sequence number is @sequence, if it has come. NULL: events come with the
+     * status block alone. Never blocks. */
+    bool (*take_event)(struct ls_link *link, uint32_t boot, uint16_t arm, uint32_t sequence,
                        uint16_t record[LS_WIRE_EVENT_SIZE]);
     void (*destroy)(struct ls_link *link); /* NULL is not allowed */
 };

@@ -25,6 +25,7 @@ void ls_event_queue_receive(struct ls_event_queue *queue, const uint8_t *bytes, 
         if (queue->tail - queue->head == LS_EVENT_QUEUE)
             return;
         uint32_t at = queue->tail++ % LS_EVENT_QUEUE;
+        queue->entry[at].boot = ls_wire_get32(regs + LS_WIRE_PK_BOOT);
         queue->entry[at].arm = regs[LS_WIRE_PK_ARM];
         queue->entry[at].sequence = ls_wire_get32(regs + LS_WIRE_PK_FIRST) + i;
         memcpy(queue->entry[at].record, regs + LS_WIRE_PK_HEADER + i * LS_WIRE_EVENT_SIZE,
@@ -32,13 +33,13 @@ void ls_event_queue_receive(struct ls_event_queue *queue, const uint8_t *bytes, 
     }
 }
 
-bool ls_event_queue_take(struct ls_event_queue *queue, uint16_t arm, uint32_t sequence,
-                         uint16_t record[LS_WIRE_EVENT_SIZE])
+bool ls_event_queue_take(struct ls_event_queue *queue, uint32_t boot, uint16_t arm,
+                         uint32_t sequence, uint16_t record[LS_WIRE_EVENT_SIZE])
 {
     for (; queue->head != queue->tail; queue->head++) {
         uint32_t at = queue->head % LS_EVENT_QUEUE;
         int32_t ahead = (int32_t)(queue->entry[at].sequence - sequence);
-        if (queue->entry[at].arm != arm || ahead < 0)
+        if (queue->entry[at].boot != boot || queue->entry[at].arm != arm || ahead < 0)
             continue;
         if (ahead > 0)
             return false;

@@ -15,7 +15,7 @@ enum { LS_EVENT_QUEUE = 512 };
 
 struct ls_event_queue {
     struct {
-        uint32_t sequence;
+        uint32_t boot, sequence;
         uint16_t arm;
         uint16_t record[LS_WIRE_EVENT_SIZE];
     } entry[LS_EVENT_QUEUE];
@@ -27,8 +27,9 @@ struct ls_event_queue {
  * counted and left out; what does not fit is left out. */
 void ls_event_queue_receive(struct ls_event_queue *queue, const uint8_t *bytes, size_t n);
 
-/** The record @sequence of arm @arm, if it is there. Older ones are forgotten. */
-bool ls_event_queue_take(struct ls_event_queue *queue, uint16_t arm, uint32_t sequence,
-                         uint16_t record[LS_WIRE_EVENT_SIZE]);
+/** The record @sequence of arm @arm since power-up @boot, if it is there: arms are counted from 1
+ * after each. Older ones, and those of another run, are forgotten. */
+bool ls_event_queue_take(struct ls_event_queue *queue, uint32_t boot, uint16_t arm,
+                         uint32_t sequence, uint16_t record[LS_WIRE_EVENT_SIZE]);
 
 #endif

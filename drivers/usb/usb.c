@@ -75,16 +75,16 @@ static void keep_flying(struct usb_link *u)
             return;
 }
 
-static bool link_take_event(struct ls_link *link, uint16_t arm, uint32_t sequence,
+static bool link_take_event(struct ls_link *link, uint32_t boot, uint16_t arm, uint32_t sequence,
                             uint16_t record[LS_WIRE_EVENT_SIZE])
 {
     struct usb_link *u = of(link);
-    if (ls_event_queue_take(&u->events, arm, sequence, record))
+    if (ls_event_queue_take(&u->events, boot, arm, sequence, record))
         return true;
     if (!link->connected)
         return false;
     handle_events(u, 0, NULL);
-    return ls_event_queue_take(&u->events, arm, sequence, record);
+    return ls_event_queue_take(&u->events, boot, arm, sequence, record);
 }
 
 /* ---- life ---- */

@@ -152,9 +152,10 @@ static void test_restarted(gconstpointer driver)
 {
     struct sim_controller_config config = small(driver);
     config.n_faults = 1;
-    config.faults[0] = (struct sim_controller_fault){SIM_CONTROLLER_REBOOT, 1, 1, 10};
+    config.faults[0] = (struct sim_controller_fault){SIM_CONTROLLER_REBOOT, 3, 1, 10};
     struct stand s = stand_up(driver, &config);
     struct ls_step steps[4];
+    struct ls_step_event events[4];
     struct ls_program program = small_program(steps, 4);
     struct ls_lights_status status;
     struct ls_diag diag = {0};
@@ -162,7 +163,7 @@ static void test_restarted(gconstpointer driver)
     size_t n;
     load(s.lights, &program);
     arm(s.lights);
-    grant(s.lights, 2);
+    grant(s.lights, 4);
     do
         err = ls_lights_poll(s.lights, &status, NULL, 0, &n, &diag);
     while (!err);
@@ -171,6 +172,14 @@ static void test_restarted(gconstpointer driver)
     g_assert_cmpint(ls_lights_grant(s.lights, 4, &diag), ==, LS_ERR_MISMATCH);
     load(s.lights, &program); /* begins anew */
     arm(s.lights);
+    /* the count of arms is as before, but what was sent then is not of now */
+    must(ls_lights_poll(s.lights, &status, events, 4, &n, &diag), &diag);
+    g_assert_cmpuint(n, ==, 0);
+    grant(s.lights, 4);
+    status = collect(s.lights, events, 4);
+    g_assert_cmpuint(status.events_lost, ==, 0);
+    for (uint32_t i = 0; i < 4; i++)
+        g_assert_cmpuint(events[i].step, ==, i);
     stand_down(&s);
 }
 

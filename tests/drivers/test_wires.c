@@ -7,7 +7,7 @@
 #include <glib.h>
 #include <string.h>
 
-enum { STEPS = 100 };
+enum { STEPS = 100, BOOT = 0x12345 };
 
 static const struct ls_led led = {3, 1, 65535};
 static const struct ls_condition condition = {LS_CONDITION_ONE, 1, &led};
@@ -170,6 +170,7 @@ static size_t packet_of(uint32_t first, uint16_t n, uint8_t *bytes)
     uint16_t regs[LS_WIRE_PACKET_MAX] = {
         [LS_WIRE_PK_MAGIC] = LS_WIRE_PACKET_MAGIC, [LS_WIRE_PK_ARM] = 7, [LS_WIRE_PK_COUNT] = n};
     size_t used = LS_WIRE_PK_HEADER + n * LS_WIRE_EVENT_SIZE;
+    ls_wire_put32(regs + LS_WIRE_PK_BOOT, BOOT);
     ls_wire_put32(regs + LS_WIRE_PK_FIRST, first);
     for (uint32_t i = 0; i < n; i++)
         ls_wire_put32(regs + LS_WIRE_PK_HEADER + i * LS_WIRE_EVENT_SIZE, first + i);
@@ -194,10 +195,20 @@ static void test_every_flipped_bit(void)
     g_assert_cmpuint(queue.damaged, ==, 8 * n + n);
     g_assert_cmpuint(queue.tail, ==, 0);
     ls_event_queue_receive(&queue, bytes, n);
-    g_assert_false(ls_event_queue_take(&queue, 7, 4, record)); /* a gap: 4 is missing */
-    g_assert_true(ls_event_queue_take(&queue, 7, 6, record));  /* 5 came otherwise */
+    g_assert_false(ls_event_queue_take(&queue, BOOT, 7, 4, record)); /* a gap: 4 is missing */
+    g_assert_true(ls_event_queue_take(&queue, BOOT, 7, 6, record));  /* 5 came otherwise */
     g_assert_cmpuint(ls_wire_get32(record), ==, 6);
-    g_assert_false(ls_event_queue_take(&queue, 8, 7, record)); /* of another arm */
+    g_assert_false(ls_event_queue_take(&queue, BOOT, 8, 7, record)); /* of another arm */
+    g_assert_cmpuint(queue.head, ==, queue.tail);
+}
+
+static void test_another_power_up(void)
+{
+    static struct ls_event_queue queue;
+    uint8_t bytes[LS_WIRE_USB_PACKET_BYTES];
+    uint16_t record[LS_WIRE_EVENT_SIZE];
+    ls_event_queue_receive(&queue, bytes, packet_of(0, 3, bytes));
+    g_assert_false(ls_event_queue_take(&queue, BOOT + 1, 7, 0, record));
     g_assert_cmpuint(queue.head, ==, queue.tail);
 }
 
@@ -209,8 +220,8 @@ static void test_full_queue(void)
     for (uint32_t first = 0; first < 2 * LS_EVENT_QUEUE; first += LS_WIRE_PK_RECORDS)
         ls_event_queue_receive(&queue, bytes, packet_of(first, LS_WIRE_PK_RECORDS, bytes));
     for (uint32_t i = 0; i < LS_EVENT_QUEUE; i++)
-        g_assert_true(ls_event_queue_take(&queue, 7, i, record));
-    g_assert_false(ls_event_queue_take(&queue, 7, LS_EVENT_QUEUE, record));
+        g_assert_true(ls_event_queue_take(&queue, BOOT, 7, i, record));
+    g_assert_false(ls_event_queue_take(&queue, BOOT, 7, LS_EVENT_QUEUE, record));
 }
 
 int main(int argc, char **argv)
@@ -222,6 +233,7 @@ int main(int argc, char **argv)
     g_test_add_func("/wires/usb/a-pulled-plug-is-gone-in-bounds", test_unplugged);
     g_test_add_func("/wires/usb/the-serial-number-chooses", test_serial_number);
     g_test_add_func("/wires/usb/every-flipped-bit-of-a-packet-is-caught", test_every_flipped_bit);
+    g_test_add_func("/wires/usb/records-of-another-power-up-are-dropped", test_another_power_up);
     g_test_add_func("/wires/usb/a-full-queue-keeps-what-came-first", test_full_queue);
     g_test_add_func("/wires/rtu/a-late-answer-is-no-answer-to-the-next", test_late_answers);
     g_test_add_func("/wires/rtu/rates-and-timeouts-that-cannot-work-are-refused", test_baud);
