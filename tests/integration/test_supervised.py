@@ -73,6 +73,8 @@ def test_the_units_are_as_systemd_wants_them(folder):
     lines = [f"ExecStart={harness.BUILD}/daemon/lightstaged --config /etc/lightstaged/daemon.conf"
              if line.startswith("ExecStart=") else line for line in service.splitlines()]
     assert any(line.startswith("ExecStart=") for line in lines)
+    # without the second, stopping the service removes the folder, and the socket unit's socket in it
+    assert "RuntimeDirectory=lightstaged" in lines and "RuntimeDirectoryPreserve=yes" in lines
     stage.write(os.path.join(units, "lightstaged.service"), "\n".join(lines) + "\n")
     stage.write(os.path.join(units, "lightstaged.socket"),
                 stage.read(os.path.join(harness.ROOT, "daemon", "lightstaged.socket")))
