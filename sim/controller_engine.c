@@ -1,5 +1,6 @@
 #include "sim/controller_private.h"
 
+#include <string.h>
 #include <sys/eventfd.h>
 
 /** The engine's own memory of a run; engine thread only. */
@@ -83,9 +84,16 @@ static void reboot(struct sim_controller *c)
 {
     c->boot += c->boot + 1 ? 1 : 2; /* never 0 */
     c->state = LS_WIRE_IDLE;
+    c->faults = 0;
+    c->refusal = (struct sim_refusal){0};
     c->arm = 0;
-    c->fired = c->granted = 0;
-    c->event_first = c->event_next = 0;
+    c->fired = c->granted = c->missed = c->releases = 0;
+    c->event_first = c->event_next = c->events_lost = 0;
+    c->window_address = c->window_length = 0;
+    c->progress = 0;
+    c->halt = false;
+    memset(c->control, 0, sizeof c->control);
+    memset(c->memory, 0, c->config.max_program_bytes / 2 * sizeof *c->memory);
     sim_program_finish(&c->program);
 }
 

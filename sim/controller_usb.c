@@ -34,7 +34,8 @@ struct usb {
     GQueue waiting, done; /* struct urb */
     bool halted;          /* the event endpoint */
     uint32_t next_event;  /* to be sent */
-    uint16_t arm;         /* of it */
+    uint32_t boot;        /* of it, as the arm */
+    uint16_t arm;
     uint16_t packets;
 };
 
@@ -106,6 +107,10 @@ static void send_packet(struct sim_controller *c, struct usb *usb, struct urb *u
     if (sim_controller_due_from(c, SIM_CONTROLLER_DAMAGE_PACKET, step))
         bytes[n / 2] ^= 4;
     g_queue_remove(&usb->waiting, urb);
+    if (n > (size_t)usbdevfs(urb)->buffer_length) {
+        give_back(usb, urb, -EOVERFLOW, 0);
+        return;
+    }
     memcpy(urb->buffer->data, bytes, n);
     give_back(usb, urb, 0, (int)n);
 }
@@ -114,10 +119,12 @@ static void send_events(struct sim_controller *c)
 {
     struct usb *usb = c->wire_data;
     struct urb *urb;
-    if (usb->arm != c->arm) {
-        usb->arm = c->arm;
+    if (usb->boot != c->boot)
+        usb->packets = 0;
+    if (usb->boot != c->boot || usb->arm != c->arm)
         usb->next_event = 0;
-    }
+    usb->boot = c->boot;
+    usb->arm = c->arm;
     if ((int32_t)(c->event_first - usb->next_event) > 0)
         usb->next_event = c->event_first;
     while ((urb = waiting_for_events(usb)) && (c->halt || usb->halted)) {

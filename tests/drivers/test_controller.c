@@ -251,6 +251,46 @@ static void test_repeated_grant(void)
     bench_close(&b);
 }
 
+static void test_power_failure(void)
+{
+    struct sim_controller_config config = dome_small();
+    config.event_queue = 2;
+    config.n_faults = 1;
+    config.faults[0] = (struct sim_controller_fault){SIM_CONTROLLER_REBOOT, 3, 1, 0};
+    struct bench b = bench_open(&config);
+    const struct ls_led led = {0, 0, 65535};
+    struct ls_condition condition = {LS_CONDITION_ONE, 1, &led};
+    struct ls_step steps[4] = {{0, 100, 0, 0}, {0, 100, 0, 0}, {0, 100, 0, 0}, {0, 100, 0, 0}};
+    struct ls_program program = {&condition, 1, steps, 4, 2000};
+    uint16_t regs[LS_WIRE_STATUS_SIZE], nothing[LS_WIRE_STATUS_SIZE] = {0};
+    upload(&b, &program);
+    g_assert_cmpint(command(&b, LS_WIRE_COMMIT), ==, LS_OK);
+    do
+        status(&b, regs);
+    while (regs[LS_WIRE_ST_STATE] == LS_WIRE_PREPARING);
+    uint32_t boot = ls_wire_get32(regs + LS_WIRE_ST_BOOT);
+    g_assert_cmpint(command(&b, LS_WIRE_ARM), ==, LS_OK);
+    g_assert_cmpint(put32(&b, LS_WIRE_CT_GRANT, 5), ==, LS_ERR_REFUSED);
+    g_assert_cmpint(put32(&b, LS_WIRE_CT_GRANT, 4), ==, LS_OK);
+    while (!b.link->ops->read(b.link, LS_WIRE_STATUS, LS_WIRE_STATUS_SIZE, regs, NULL))
+        ;
+    g_assert_cmpint(b.link->ops->connect(b.link, NULL), ==, LS_OK);
+    status(&b, regs);
+    g_assert_cmpuint(ls_wire_get32(regs + LS_WIRE_ST_BOOT), !=, boot);
+    memset(regs + LS_WIRE_ST_BOOT, 0, 2 * sizeof *regs);
+    memset(regs + LS_WIRE_ST_NOW_US, 0, 4 * sizeof *regs);
+    regs[LS_WIRE_ST_TEMPERATURE] = 0;
+    g_assert_cmpmem(regs, sizeof regs, nothing, sizeof nothing);
+    const unsigned blocks[][2] = {{LS_WIRE_CONTROL, LS_WIRE_CONTROL_SIZE},
+                                  {LS_WIRE_WINDOW + LS_WIRE_WN_DATA, LS_WIRE_WINDOW_DATA}};
+    for (size_t i = 0; i < G_N_ELEMENTS(blocks); i++) {
+        g_assert_cmpint(b.link->ops->read(b.link, blocks[i][0], blocks[i][1], regs, NULL), ==,
+                        LS_OK);
+        g_assert_cmpmem(regs, 2 * blocks[i][1], nothing, 2 * blocks[i][1]);
+    }
+    bench_close(&b);
+}
+
 int main(int argc, char **argv)
 {
     g_test_init(&argc, &argv, NULL);
@@ -258,6 +298,7 @@ int main(int argc, char **argv)
     g_test_add_func("/controller/commit-checks-crc-and-counts", test_checks);
     g_test_add_func("/controller/only-documented-registers-exist", test_registers);
     g_test_add_func("/controller/a-repeated-grant-leaves-a-held-step-lit", test_repeated_grant);
+    g_test_add_func("/controller/a-power-failure-leaves-nothing-behind", test_power_failure);
     g_test_add_func("/controller/garbage-does-not-stop-it", test_garbage);
     return g_test_run();
 }
