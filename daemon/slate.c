@@ -19,8 +19,8 @@ static bool is_text(const char *text, bool lines)
 {
     if (!g_utf8_validate(text, -1, NULL))
         return false;
-    for (; *text; text++)
-        if (((unsigned char)*text < ' ' && !(lines && *text == '\n')) || *text == 0x7f)
+    for (; *text; text = g_utf8_next_char(text))
+        if (g_unichar_iscntrl(g_utf8_get_char(text)) && !(lines && *text == '\n'))
             return false;
     return true;
 }

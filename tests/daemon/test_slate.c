@@ -82,6 +82,14 @@ static void test_refused(void)
     g_assert_cmpint(ls_slate_write(folder, &bad, &diag), ==, LS_ERR_INVALID);
     strcpy(bad.scene, "\x1b[2J");
     g_assert_cmpint(ls_slate_write(folder, &bad, &diag), ==, LS_ERR_INVALID);
+    for (gunichar c = 0x7f; c < 0xa0; c++) { /* DEL and C1: U+009B is an escape of one character */
+        bad = full;
+        bad.notes[g_unichar_to_utf8(c, bad.notes)] = '\0';
+        g_assert_cmpint(ls_slate_write(folder, &bad, &diag), ==, LS_ERR_INVALID);
+    }
+    bad = full;
+    strcpy(bad.notes, "\xc2\xa0\xe2\x80\xa6"); /* U+00A0, the first that is none, and U+2026 */
+    g_assert_cmpint(ls_slate_write(folder, &bad, &diag), ==, LS_OK);
     g_assert_cmpint(ls_slate_write("/nonexistent", &full, &diag), ==, LS_ERR_NOT_FOUND);
     remove_folder(folder);
 }
