@@ -261,11 +261,6 @@ const struct ls_config *ls_engine_config(const struct ls_engine *e)
     return e->config;
 }
 
-const char *ls_engine_calibration_json(const struct ls_engine *e)
-{
-    return e->calibration_json;
-}
-
 void ls_engine_destroy(struct ls_engine *e)
 {
     if (!e)

@@ -99,7 +99,4 @@ LS_MUST_CHECK enum ls_err ls_engine_blank(struct ls_engine *engine, struct ls_di
 
 const struct ls_config *ls_engine_config(const struct ls_engine *engine);
 
-/** The calibration file's text embedded into takes, or NULL. (transfer none). */
-const char *ls_engine_calibration_json(const struct ls_engine *engine);
-
 #endif

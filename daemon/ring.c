@@ -10,13 +10,15 @@
 
 enum { MAX_SLOTS = 1024 };
 
+enum slot_state { SLOT_IDLE, SLOT_QUEUED, SLOT_TAKEN, SLOT_HANDED };
+
 struct ls_ring {
     int fd;
     unsigned char *base;
     size_t stride, bytes;
     uint32_t n;
     _Atomic uint32_t queued;
-    _Atomic unsigned char *state; /* enum ls_slot_state per slot */
+    _Atomic unsigned char *state; /* enum slot_state per slot */
 };
 
 static enum ls_err map(struct ls_ring *ring, struct ls_diag *diag)
@@ -78,12 +80,12 @@ const void *ls_ring_payload(const struct ls_ring *ring, uint32_t slot)
 void ls_ring_queue(struct ls_ring *ring)
 {
     for (uint32_t i = 0; i < ring->n; i++)
-        atomic_store(&ring->state[i], LS_SLOT_QUEUED);
+        atomic_store(&ring->state[i], SLOT_QUEUED);
     atomic_store(&ring->queued, ring->n);
 }
 
-static bool pass(struct ls_ring *ring, uint32_t slot, enum ls_slot_state from,
-                 enum ls_slot_state to)
+static bool pass(struct ls_ring *ring, uint32_t slot, enum slot_state from,
+                 enum slot_state to)
 {
     unsigned char expected = (unsigned char)from;
     return slot < ring->n &&
@@ -92,7 +94,7 @@ static bool pass(struct ls_ring *ring, uint32_t slot, enum ls_slot_state from,
 
 enum ls_err ls_ring_take(struct ls_ring *ring, uint32_t slot)
 {
-    if (!pass(ring, slot, LS_SLOT_QUEUED, LS_SLOT_TAKEN))
+    if (!pass(ring, slot, SLOT_QUEUED, SLOT_TAKEN))
         return LS_ERR_BUG;
     atomic_fetch_sub(&ring->queued, 1);
     return LS_OK;
@@ -100,13 +102,13 @@ enum ls_err ls_ring_take(struct ls_ring *ring, uint32_t slot)
 
 enum ls_err ls_ring_hand(struct ls_ring *ring, uint32_t slot)
 {
-    return pass(ring, slot, LS_SLOT_TAKEN, LS_SLOT_HANDED) ? LS_OK : LS_ERR_BUG;
+    return pass(ring, slot, SLOT_TAKEN, SLOT_HANDED) ? LS_OK : LS_ERR_BUG;
 }
 
 enum ls_err ls_ring_give_back(struct ls_ring *ring, uint32_t slot)
 {
-    if (!pass(ring, slot, LS_SLOT_TAKEN, LS_SLOT_QUEUED) &&
-        !pass(ring, slot, LS_SLOT_HANDED, LS_SLOT_QUEUED))
+    if (!pass(ring, slot, SLOT_TAKEN, SLOT_QUEUED) &&
+        !pass(ring, slot, SLOT_HANDED, SLOT_QUEUED))
         return LS_ERR_BUG;
     atomic_fetch_add(&ring->queued, 1);
     return LS_OK;
@@ -115,11 +117,6 @@ enum ls_err ls_ring_give_back(struct ls_ring *ring, uint32_t slot)
 uint32_t ls_ring_queued(const struct ls_ring *ring)
 {
     return atomic_load(&ring->queued);
-}
-
-enum ls_slot_state ls_ring_state(const struct ls_ring *ring, uint32_t slot)
-{
-    return (enum ls_slot_state)atomic_load(&ring->state[slot]);
 }
 
 void ls_ring_destroy(struct ls_ring *ring)

@@ -21,8 +21,6 @@
 #include <stddef.h>
 #include <stdint.h>
 
-enum ls_slot_state { LS_SLOT_IDLE, LS_SLOT_QUEUED, LS_SLOT_TAKEN, LS_SLOT_HANDED };
-
 struct ls_ring;
 
 /**
@@ -49,9 +47,6 @@ LS_MUST_CHECK enum ls_err ls_ring_give_back(struct ls_ring *ring, uint32_t slot)
 
 /** Slots the driver holds now. RT-safe. */
 uint32_t ls_ring_queued(const struct ls_ring *ring);
-
-/** RT-safe. */
-enum ls_slot_state ls_ring_state(const struct ls_ring *ring, uint32_t slot);
 
 /** NULL is allowed. */
 void ls_ring_destroy(struct ls_ring *ring);

@@ -203,11 +203,6 @@ const char *ls_store_id(const struct ls_store *store)
     return store->writer.folder.id;
 }
 
-bool ls_store_keeps_raw(const struct ls_store *store)
-{
-    return store->head.keep_raw;
-}
-
 /* ---- life ---- */
 
 static void free_store(struct ls_store *store)

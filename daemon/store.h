@@ -92,7 +92,6 @@ LS_MUST_CHECK enum ls_err ls_store_reopen(const char *folder, uint64_t need_byte
 /** Absolute or as given in root; the last component is the take's id. (transfer none). */
 const char *ls_store_folder(const struct ls_store *store);
 const char *ls_store_id(const struct ls_store *store);
-bool ls_store_keeps_raw(const struct ls_store *store);
 
 /** Record a bound shot. Durable no later than the next publication's group commit or 50 ms. */
 LS_MUST_CHECK enum ls_err ls_store_ticket(struct ls_store *store, const struct ls_ticket *ticket,

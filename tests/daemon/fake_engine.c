@@ -170,8 +170,3 @@ const struct ls_config *ls_engine_config(const struct ls_engine *engine)
 {
     return engine->config;
 }
-
-const char *ls_engine_calibration_json(const struct ls_engine *engine)
-{
-    return NULL;
-}
