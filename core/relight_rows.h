@@ -8,10 +8,12 @@
  * tile row to the next, so that the sums are what one pass over the whole picture gives, to the
  * bit, whatever the bands and shares, and the memory is that of a tile row and what is kept:
  *
- *     for (uint32_t y = region.y; y < region.y + region.height; y = end) {
+ *     for (uint32_t y = region.y, end; y < region.y + region.height; y = end) {
  *         end = ls_relight_band_end(field, &region, y, halo);
- *         while (the window ends above end + halo) {
- *             ls_relight_rows_roll(&rows, y - halo);
+ *         uint32_t top = y > halo ? y - halo : 0;
+ *         uint32_t below = height - end > halo ? end + halo : height;   (of the picture)
+ *         while (rows.window.y + rows.window.height < below) {
+ *             ls_relight_rows_roll(&rows, top);
  *             each share of n, by any thread: ls_relight_rows_sum(&rows, share, n, &report[share]);
  *             ls_relight_rows_add(&rows, report, n);
  *         }
