@@ -49,8 +49,9 @@
  *     a sphere of 0.1 m                        13 %, 42  8 %, 20    0          7 %, 16
  *     a = (1, 0), the paper's                  18 %, 76 15 %, 64   11 %, 44    8 %, 28
  *
- * Where nothing is measured, 0.075 m is taken: over all these subjects its worst is the least. Those
- * are at the centre; beside it by 0.1 m, of 0.05 m, it leaves 7 to 11 % (the centre's a: 10 to 14 %).
+ * Where nothing is measured, 0.075 m is taken: over all these subjects its worst is the least.
+ * Those are at the centre; beside it by 0.1 m, of 0.05 m, it leaves 7 to 11 % (the centre's a: 10
+ * to 14 %).
  *
  * Conductors reflect both polarisations nearly alike, so their own a differs from a dielectric's.
  * That does no harm where their diffuse and specular parts are promoted by the same ratio, as

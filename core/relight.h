@@ -69,9 +69,9 @@ ls_accumulate_with(const struct ls_accumulate_kernels *kernels, const struct ls_
                    const struct ls_accumulate_job *job, const struct ls_tile_region *region,
                    float *sums, struct ls_accumulate_report *report, struct ls_diag *diag);
 
-/** Weight row of @n lights, for ls_accumulate: row[i] = w[i] k[i], @w in radiance x sr, @k the gains
- * of their pictures. @w NULL = 1. Of relit white w is the environment's, of Eq. 1's denominator the
- * strengths g(i,s) (core/promote.h). RT-safe. */
+/** Weight row of @n lights, for ls_accumulate: row[i] = w[i] k[i], @w in radiance x sr, @k the
+ * gains of their pictures. @w NULL = 1. Of relit white w is the environment's, of Eq. 1's
+ * denominator the strengths g(i,s) (core/promote.h). RT-safe. */
 void ls_relight_row(const double *k, const double *w, uint32_t n, float *row);
 
 /** The tristimulus baseline: weights of white for camera channel @c from those of the light, in

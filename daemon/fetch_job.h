@@ -12,7 +12,8 @@
 #include <stdint.h>
 
 /** Checks what can be checked without the take: LS_ERR_INVALID, LS_ERR_UNSUPPORTED (a promoted
- * mosaic: ratios are formed after demosaicing; a promoted estimate or full sphere). *out: (transfer full). */
+ * mosaic: ratios are formed after demosaicing; a promoted estimate or full sphere). *out: (transfer
+ * full). */
 LS_MUST_CHECK enum ls_err ls_fetch_job_create(uint32_t request, struct ls_field_cache *cache,
                                               const Lightstage__Fetch *fetch, struct ls_job **out,
                                               struct ls_diag *diag);

@@ -145,7 +145,8 @@ enum fault_kind {
 
 static const struct sim_key fault_keys[] = {
     {"kind", SIM_KEY_CHOICE, SIM_FIELD(struct fault, kind),
-     "stall refuse disconnect interlock estop dead corrupt restart late lose_packet damage_packet halt "
+     "stall refuse disconnect interlock estop dead corrupt restart late lose_packet damage_packet "
+     "halt "
      "drop_pulse lose_frame duplicate_frame late_frame packet_loss silent reboot"},
     {"camera", SIM_KEY_U32, SIM_RANGE(struct fault, camera, 0, SIM_MAX_CAMERAS - 1)},
     {"at", SIM_KEY_U32, SIM_RANGE(struct fault, at, 0, U32_MAX)},

@@ -149,8 +149,8 @@ char *sim_rig_ready_line(const struct sim_rig *rig)
     json_t *line = json_pack("{s:i, s:s, s:i, s:s, s:o, s:i, s:i}", "pid", (int)getpid(),
                              "modbus_address", rig->config->controller.address, "modbus_port",
                              (int)sim_controller_port(rig->controller), "controller_path",
-                             sim_controller_path(rig->controller), "cameras", cameras,
-                             "lights", (int)sim_scene_geometry(rig->scene)->n_lights, "channels",
+                             sim_controller_path(rig->controller), "cameras", cameras, "lights",
+                             (int)sim_scene_geometry(rig->scene)->n_lights, "channels",
                              (int)rig->config->scene.n_channels);
     char *text = line ? json_dumps(line, JSON_COMPACT) : NULL;
     json_decref(line);
