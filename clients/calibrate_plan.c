@@ -1,12 +1,12 @@
 #include "clients/calibrate_plan.h"
 
+#include "core/segments.h"
+
 #include <libconfig.h>
 #include <stdbool.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
-
-enum { HEADLIGHTS = 3 };
 
 static bool is_kind(const config_setting_t *group, const char *kind)
 {
@@ -130,7 +130,7 @@ enum ls_err ls_calibrate_plan_text(const struct ls_calibrate_plan *plan,
         add_group(conditions, 0, rig, "each", true, 0);
         if (plan->segments > 0 && plan->segments <= rig->n_lights)
             add_group(conditions, n, rig, "segments", false, plan->segments);
-        if (rig->n_lights >= HEADLIGHTS)
+        if (rig->n_lights >= LS_HEADLIGHT_LIGHTS)
             add_group(conditions, n, rig, "headlight", false, 0);
         err = write_text(plan, &config, text, diag);
     }

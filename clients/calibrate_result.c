@@ -208,7 +208,7 @@ static void fill_provenance(const struct ls_calibrate_measured *m, struct ls_cal
     struct tm utc;
     *out = (struct ls_calibration_provenance){0};
     strftime(out->date, sizeof out->date, "%Y-%m-%dT%H:%M:%SZ", gmtime_r(&now, &utc));
-    snprintf(out->software, sizeof out->software, "lightstagectl 0.1.0");
+    snprintf(out->software, sizeof out->software, "lightstagectl " LS_VERSION);
     for (size_t i = 0; i < sizeof takes / sizeof *takes; i++) {
         if (!takes[i].take)
             continue;

@@ -90,7 +90,7 @@ static int command_line(int argc, char **argv)
     for (int option; (option = getopt_long(argc, argv, "+", options, NULL)) != -1;) {
         switch (option) {
         case 'v':
-            puts("lightstagectl 0.1.0");
+            puts("lightstagectl " LS_VERSION);
             return LS_EXIT_OK;
         case LS_OPTION_HELP:
             print_help(stdout);

@@ -16,7 +16,10 @@
 
 #include <stdint.h>
 
-enum { LS_SEGMENTS_MAX_LIGHTS = 8192 };
+enum {
+    LS_SEGMENTS_MAX_LIGHTS = 8192,
+    LS_HEADLIGHT_LIGHTS = 3, /* a head light: the lights nearest the camera */
+};
 
 /**
  * Partition @n_lights directions (finite, not zero; any length) into @n_segments groups:

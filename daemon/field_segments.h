@@ -6,6 +6,7 @@
 #define LS_DAEMON_FIELD_SEGMENTS_H
 
 #include "core/relight.h"
+#include "core/segments.h"
 #include "daemon/field_source.h"
 
 #include <stdint.h>
@@ -29,8 +30,6 @@ struct ls_field_segments {
 LS_MUST_CHECK enum ls_err ls_field_segments_find(const struct ls_field_source *source,
                                                  uint32_t channel, struct ls_field_segments *out,
                                                  struct ls_diag *diag);
-
-enum { LS_HEADLIGHT_LIGHTS = 3 };
 
 /** F of Eq. 2 as a sum of pictures, and the lights it shows. */
 struct ls_field_headlight {

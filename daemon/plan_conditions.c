@@ -1,5 +1,6 @@
 #include "daemon/plan_conditions.h"
 
+#include "core/segments.h"
 #include "daemon/plan_patterns.h"
 
 #include <math.h>
@@ -12,7 +13,6 @@ enum {
     SPHERE_LEVEL = FULL / 90, /* a full sphere is about 90 times one front light */
     BASIS_LEVEL = FULL / 9,   /* finer steps than a sphere's: its weights are what is decoded */
     LEAST_BASIS_LEVEL = 500,  /* half a step is a thousandth */
-    HEADLIGHTS = 3,
     MAX_DEGREE = 9,
 };
 
@@ -189,7 +189,7 @@ static uint32_t usual_lights(const struct ls_config *config, enum kind kind, uin
 {
     uint32_t n = config->n_lights;
     if (kind == KIND_HEADLIGHT) {
-        n = n < HEADLIGHTS ? n : HEADLIGHTS;
+        n = n < LS_HEADLIGHT_LIGHTS ? n : LS_HEADLIGHT_LIGHTS;
         ls_plan_lights_near_camera(config, lights, n);
         return n;
     }

@@ -335,7 +335,7 @@ static void greet(struct ls_session *session, const struct ls_frame_header *head
     }
     session->greeted = true;
     reply.version = LS_FRAME_VERSION;
-    reply.server = (char *)"lightstaged 0.1.0";
+    reply.server = (char *)"lightstaged " LS_VERSION;
     reply.capabilities = capabilities;
     reply.n_capabilities = G_N_ELEMENTS(capabilities);
     reply.max_message_bytes = LS_FRAME_MAX_MESSAGE;

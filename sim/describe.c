@@ -1,5 +1,6 @@
 #include "sim/truth.h"
 
+#include "core/segments.h"
 #include "core/solve.h"
 #include "sim/world.h"
 
@@ -7,7 +8,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-enum { SEGMENTS = 14, HEADLIGHTS = 3 }; /* what a calibration usually photographs */
+enum { SEGMENTS = 14 }; /* what a calibration usually photographs */
 
 static const char *const patch_names[SIM_CHART_PATCHES] = {
     "dark skin", "light skin",    "blue sky",     "foliage",   "blue flower",  "bluish green",
@@ -171,8 +172,8 @@ static enum ls_err fill_patterns(const struct sim_scene *scene, const double *du
         add_pattern(scene, "sphere", lights, duties[d], c);
     if (lights >= SEGMENTS)
         add_pattern(scene, segments, (double)lights / SEGMENTS, share(each), c);
-    if (lights >= HEADLIGHTS)
-        add_pattern(scene, "headlight", HEADLIGHTS, share(HEADLIGHTS), c);
+    if (lights >= LS_HEADLIGHT_LIGHTS)
+        add_pattern(scene, "headlight", LS_HEADLIGHT_LIGHTS, share(LS_HEADLIGHT_LIGHTS), c);
     return LS_OK;
 }
 
