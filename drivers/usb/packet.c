@@ -11,19 +11,17 @@ static bool is_good(const uint16_t *regs, size_t n)
            ls_wire_get32(regs + n - 2) == ls_wire_crc32c(regs, n - 2);
 }
 
-void ls_event_queue_receive(struct ls_event_queue *queue, const uint8_t *bytes, size_t n)
+bool ls_event_queue_receive(struct ls_event_queue *queue, const uint8_t *bytes, size_t n)
 {
     uint16_t regs[LS_WIRE_PACKET_MAX];
     size_t n_regs = n / 2;
     if (n % 2 == 0 && n_regs <= LS_WIRE_PACKET_MAX)
         ls_wire_get_registers(bytes, n_regs, regs);
-    if (n % 2 || n_regs > LS_WIRE_PACKET_MAX || !is_good(regs, n_regs)) {
-        queue->damaged++;
-        return;
-    }
+    if (n % 2 || n_regs > LS_WIRE_PACKET_MAX || !is_good(regs, n_regs))
+        return false;
     for (uint32_t i = 0; i < regs[LS_WIRE_PK_COUNT]; i++) {
         if (queue->tail - queue->head == LS_EVENT_QUEUE)
-            return;
+            return true;
         uint32_t at = queue->tail++ % LS_EVENT_QUEUE;
         queue->entry[at].boot = ls_wire_get32(regs + LS_WIRE_PK_BOOT);
         queue->entry[at].arm = regs[LS_WIRE_PK_ARM];
@@ -31,6 +29,7 @@ void ls_event_queue_receive(struct ls_event_queue *queue, const uint8_t *bytes, 
         memcpy(queue->entry[at].record, regs + LS_WIRE_PK_HEADER + i * LS_WIRE_EVENT_SIZE,
                sizeof queue->entry[at].record);
     }
+    return true;
 }
 
 bool ls_event_queue_take(struct ls_event_queue *queue, uint32_t boot, uint16_t arm,

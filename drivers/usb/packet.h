@@ -20,12 +20,11 @@ struct ls_event_queue {
         uint16_t record[LS_WIRE_EVENT_SIZE];
     } entry[LS_EVENT_QUEUE];
     uint32_t head, tail; /* [head, tail) are there; counted without end */
-    uint32_t damaged;    /* packets that were not what they should be */
 };
 
-/** Take the records of a packet of @n bytes. One that is malformed, or whose CRC is wrong, is
- * counted and left out; what does not fit is left out. */
-void ls_event_queue_receive(struct ls_event_queue *queue, const uint8_t *bytes, size_t n);
+/** Take the records of a packet of @n bytes; what does not fit is left out. False: it is malformed,
+ * or its CRC is wrong, and none was taken. */
+bool ls_event_queue_receive(struct ls_event_queue *queue, const uint8_t *bytes, size_t n);
 
 /** The record @sequence of arm @arm since power-up @boot, if it is there: arms are counted from 1
  * after each. Older ones, and those of another run, are forgotten. */

@@ -58,7 +58,9 @@ static void on_packet(struct libusb_transfer *transfer)
         i++;
     u->flying[i] = false;
     if (transfer->status == LIBUSB_TRANSFER_COMPLETED)
-        ls_event_queue_receive(&u->events, transfer->buffer, (size_t)transfer->actual_length);
+        /* a damaged packet's events come with the status block */
+        (void)!ls_event_queue_receive(&u->events, transfer->buffer,
+                                      (size_t)transfer->actual_length);
     else if (transfer->status == LIBUSB_TRANSFER_STALL)
         u->halted = true;
     if (u->link.connected && !u->halted && transfer->status == LIBUSB_TRANSFER_COMPLETED)
