@@ -84,8 +84,7 @@ void ls_ring_queue(struct ls_ring *ring)
     atomic_store(&ring->queued, ring->n);
 }
 
-static bool pass(struct ls_ring *ring, uint32_t slot, enum slot_state from,
-                 enum slot_state to)
+static bool pass(struct ls_ring *ring, uint32_t slot, enum slot_state from, enum slot_state to)
 {
     unsigned char expected = (unsigned char)from;
     return slot < ring->n &&
@@ -107,8 +106,7 @@ enum ls_err ls_ring_hand(struct ls_ring *ring, uint32_t slot)
 
 enum ls_err ls_ring_give_back(struct ls_ring *ring, uint32_t slot)
 {
-    if (!pass(ring, slot, SLOT_TAKEN, SLOT_QUEUED) &&
-        !pass(ring, slot, SLOT_HANDED, SLOT_QUEUED))
+    if (!pass(ring, slot, SLOT_TAKEN, SLOT_QUEUED) && !pass(ring, slot, SLOT_HANDED, SLOT_QUEUED))
         return LS_ERR_BUG;
     atomic_fetch_add(&ring->queued, 1);
     return LS_OK;
