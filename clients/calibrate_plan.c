@@ -55,39 +55,52 @@ static config_setting_t *keep_patterns(config_t *config)
     return conditions;
 }
 
-static void add_string(config_setting_t *parent, const char *name, const char *value)
+static enum ls_err add_string(config_setting_t *parent, const char *name, const char *value)
 {
     config_setting_t *s = config_setting_add(parent, name, CONFIG_TYPE_STRING);
-    if (s)
-        config_setting_set_string(s, value);
+    return s && config_setting_set_string(s, value) ? LS_OK : LS_ERR_NOMEM;
 }
 
-static void add_int(config_setting_t *parent, const char *name, uint32_t value)
+static enum ls_err add_int(config_setting_t *parent, const char *name, uint32_t value)
 {
     config_setting_t *s = config_setting_add(parent, name, CONFIG_TYPE_INT);
-    if (s)
-        config_setting_set_int(s, (int)value);
+    return s && config_setting_set_int(s, (int)value) ? LS_OK : LS_ERR_NOMEM;
 }
 
 /* A group of @kind in the rig's channels, those left out in which the plan has its own. @count: of
  * segments, else 0. */
-static void add_group(config_setting_t *conditions, int n_shown, const Lightstage__RigReply *rig,
-                      const char *kind, bool polarised, uint32_t count)
+static enum ls_err add_group(config_setting_t *conditions, int n_shown,
+                             const Lightstage__RigReply *rig, const char *kind, bool polarised,
+                             uint32_t count)
 {
     config_setting_t *group = config_setting_add(conditions, NULL, CONFIG_TYPE_GROUP);
     config_setting_t *channels =
         group ? config_setting_add(group, "channels", CONFIG_TYPE_ARRAY) : NULL;
-    if (!channels)
-        return;
-    add_string(group, "kind", kind);
-    if (count)
-        add_int(group, "count", count);
-    for (size_t c = 0; c < rig->n_channels; c++)
+    enum ls_err err = channels ? add_string(group, "kind", kind) : LS_ERR_NOMEM;
+    if (!err && count)
+        err = add_int(group, "count", count);
+    for (size_t c = 0; c < rig->n_channels && !err; c++)
         if ((polarised || !rig->channels[c]->polariser) &&
             !is_shown(conditions, n_shown, kind, rig->channels[c]->name))
-            add_string(channels, NULL, rig->channels[c]->name);
-    if (!config_setting_length(channels))
+            err = add_string(channels, NULL, rig->channels[c]->name);
+    if (!err && !config_setting_length(channels))
         config_setting_remove_elem(conditions, (unsigned)config_setting_length(conditions) - 1);
+    return err;
+}
+
+static enum ls_err add_groups(const struct ls_calibrate_plan *plan, const Lightstage__RigReply *rig,
+                              config_t *config, struct ls_diag *diag)
+{
+    config_setting_t *conditions = keep_patterns(config);
+    int n = conditions ? config_setting_length(conditions) : 0;
+    enum ls_err err = conditions ? add_group(conditions, n, rig, "sphere", true, 0) : LS_ERR_NOMEM;
+    if (!err)
+        err = add_group(conditions, 0, rig, "each", true, 0);
+    if (!err && plan->segments > 0 && plan->segments <= rig->n_lights)
+        err = add_group(conditions, n, rig, "segments", false, plan->segments);
+    if (!err && rig->n_lights >= LS_HEADLIGHT_LIGHTS)
+        err = add_group(conditions, n, rig, "headlight", false, 0);
+    return err ? ls_fail(diag, err, "out of memory for a plan") : LS_OK;
 }
 
 static enum ls_err read_shown(const struct ls_calibrate_plan *plan, config_t *config,
@@ -123,17 +136,10 @@ enum ls_err ls_calibrate_plan_text(const struct ls_calibrate_plan *plan,
     config_t config;
     config_init(&config);
     enum ls_err err = read_shown(plan, &config, diag);
-    if (!err) {
-        config_setting_t *conditions = keep_patterns(&config);
-        int n = config_setting_length(conditions);
-        add_group(conditions, n, rig, "sphere", true, 0);
-        add_group(conditions, 0, rig, "each", true, 0);
-        if (plan->segments > 0 && plan->segments <= rig->n_lights)
-            add_group(conditions, n, rig, "segments", false, plan->segments);
-        if (rig->n_lights >= LS_HEADLIGHT_LIGHTS)
-            add_group(conditions, n, rig, "headlight", false, 0);
+    if (!err)
+        err = add_groups(plan, rig, &config, diag);
+    if (!err)
         err = write_text(plan, &config, text, diag);
-    }
     config_destroy(&config);
     return err;
 }

@@ -93,10 +93,9 @@ static int make_plan(struct ls_command_context *context, const struct ls_calibra
     if (shoot->segments_asked && shoot->segments > rig->n_lights)
         code = ls_command_wrong("--segments %u: the rig has %u lights", shoot->segments,
                                 rig->n_lights);
-    if (!code && write_plan(shoot, object, rig, plan, &context->diag))
-        code = ls_command_failed(context, LS_ERR_INVALID);
+    enum ls_err err = code ? LS_OK : write_plan(shoot, object, rig, plan, &context->diag);
     ls_reply_finish(&reply);
-    return code;
+    return err ? ls_command_failed(context, err) : code;
 }
 
 /* ---- the take ---- */

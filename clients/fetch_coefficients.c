@@ -107,7 +107,13 @@ static enum ls_err fill_image(const struct work *w, struct ls_image *image)
         .plane = {image->pixels, image->pixels + 1, image->pixels + 2},
         .pixel_step = 3,
         .row_step = 3 * (size_t)w->region.width};
-    return colours == 1 ? LS_OK : ls_demosaic(&source, w->region, LS_DEMOSAIC_GRADIENT, &target);
+    if (colours == 3)
+        err = ls_demosaic(&source, w->region, LS_DEMOSAIC_GRADIENT, &target);
+    return err ? ls_fail(diag_of(w), err,
+                         "take %s: %u x %u px at %u, %u of %u x %u do not demosaic (%s)",
+                         w->take->id, w->region.width, w->region.height, w->region.x, w->region.y,
+                         d->width, d->height, ls_cfa_name(d->cfa))
+               : LS_OK;
 }
 
 static enum ls_err write_file(struct work *w, const struct coefficient *c)
@@ -131,9 +137,10 @@ static enum ls_err write_file(struct work *w, const struct coefficient *c)
                                   &place, &attrs, diag_of(w));
     ls_exr_attrs_finish(&attrs);
     ls_image_finish(&image);
-    if (!err)
-        json_array_append_new(w->frames,
-                              json_pack("{ss ss}", "file", path, "coefficient", c->name));
+    if (!err && json_array_append_new(w->frames,
+                                      json_pack("{ss ss}", "file", path, "coefficient", c->name)))
+        err = ls_fail(diag_of(w), LS_ERR_NOMEM, "%s is written, but there is no memory to list it",
+                      path);
     return err;
 }
 
@@ -193,24 +200,44 @@ static bool choose_gradient(const struct work *w, unsigned axis, struct coeffici
     return out->shown && out->other;
 }
 
-static enum ls_err make_all(struct work *w)
+/* Can both pictures be brought to the lights' R? */
+static enum ls_err check_units(const struct work *w, const struct coefficient *c)
 {
-    uint32_t n = w->wanted->gradients ? 4 : HARMONICS, found = 0;
+    double unit;
+    enum ls_err err = find_unit(w, c->shown, &unit, diag_of(w));
+    return err || !c->other ? err : find_unit(w, c->other, &unit, diag_of(w));
+}
+
+static enum ls_err choose(const struct work *w, struct coefficient all[HARMONICS], uint32_t *found)
+{
+    uint32_t n = w->wanted->gradients ? 4 : HARMONICS;
     LS_CLEANUP_FREE double *weights = calloc(w->take->document->n_lights, sizeof *weights);
     enum ls_err err = weights ? LS_OK : ls_fail(diag_of(w), LS_ERR_NOMEM, "out of memory");
+    *found = 0;
     for (uint32_t i = 0; i < n && !err; i++) {
-        struct coefficient c = {{0}};
-        if (!(w->wanted->gradients ? choose_gradient(w, i, &c)
-                                   : choose_harmonic(w, i, weights, &c)))
+        struct coefficient *c = &all[*found];
+        *c = (struct coefficient){{0}};
+        if (!(w->wanted->gradients ? choose_gradient(w, i, c) : choose_harmonic(w, i, weights, c)))
             continue;
-        found++;
-        err = make(w, &c);
+        (*found)++;
+        err = check_units(w, c);
     }
-    if (!err && !found)
+    if (!err && !*found)
         return ls_fail(diag_of(w), LS_ERR_NOT_FOUND,
                        "the plan of take %s has no %s in %s: photograph them with kind \"%s\"",
                        w->take->id, w->wanted->gradients ? "gradients" : "harmonics",
                        w->wanted->channel, w->wanted->gradients ? "gradients" : "harmonics");
+    return err;
+}
+
+/* A missing factor is known before the first file is written. */
+static enum ls_err make_all(struct work *w)
+{
+    struct coefficient all[HARMONICS];
+    uint32_t n;
+    enum ls_err err = choose(w, all, &n);
+    for (uint32_t i = 0; i < n && !err; i++)
+        err = make(w, &all[i]);
     return err;
 }
 

@@ -1,6 +1,7 @@
 #!/usr/bin/python3 -B
 """Bases from end to end: calibrated on the grey sphere by the plan they are photographed with, and
 fetched as the coefficients they stand for."""
+import glob
 import json
 import os
 
@@ -81,6 +82,7 @@ def test_a_calibration_by_plan_knows_its_patterns_and_coefficients_are_projectio
     assert document["plan"]["uncalibrated"] == [], document["plan"]["uncalibrated"]
     assert_projections(rig, take, document)
     assert_regions_and_refusals(rig, take)
+    assert_nothing_is_written_where_the_last_lacks_its_factor(rig, take)
 
 
 def blocks(picture, good):
@@ -140,6 +142,22 @@ def assert_regions_and_refusals(rig, take):
              "128 x 128")):
         got, _, err = takes.ask(rig, "fetch", take, "--output", rig.path("x"), *options)
         assert got == code and sentence in err, (options, got, err)
+
+
+def assert_nothing_is_written_where_the_last_lacks_its_factor(rig, take):
+    path = os.path.join(takes.folder(rig, take), "take.json")
+    with open(path, encoding="utf-8") as file:
+        document = json.load(file)
+    factors = document["calibration"]["pattern_factors"]
+    document["calibration"]["pattern_factors"] = [f for f in factors if f["pattern"] != "gradient-z"]
+    assert len(document["calibration"]["pattern_factors"]) < len(factors)
+    with open(path, "w", encoding="utf-8") as file:
+        json.dump(document, file)
+    code, _, err = takes.ask(rig, "fetch", take, "--channel", "W", "--coefficients", "gradients",
+                             "--output", rig.path("short"))
+    assert code == 5, (code, err)
+    takes.says(err, "uncalibrated for gradient-W-z")
+    assert not glob.glob(rig.path("short*")), "x and y were written before z was found to lack"
 
 
 def test_a_basis_without_factors_is_refused_and_without_a_calibration_served_as_stored(folder):
