@@ -190,6 +190,7 @@ static double estimate_by(const struct room *room, bool blend)
                                       .photographed = &source->set[FULL_CR]};
     int green = ls_field_source_spectrum(source, FULL_CG);
     struct ls_linear_job job = {.field = field,
+                                .n_rows = 1,
                                 .n_segments = segments->n,
                                 .segment = segments->segment,
                                 .n_sets = blend ? 1 : 2,
