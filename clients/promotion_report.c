@@ -19,6 +19,7 @@ void ls_promotion_report_keep(struct ls_promotion_report *report,
         to->model = from->model;
         to->reference = from->reference;
         to->segments = from->segments;
+        to->blended = from->blended;
         to->inseparable_lights = from->inseparable_lights;
         to->multiplexed = from->multiplexed;
         to->spare_deviation = from->spare_deviation;
@@ -74,6 +75,19 @@ static void list_models(const struct ls_promotion_report *report, struct ls_exr_
         ls_exr_attrs_string(attrs, "lightstage/models", text);
 }
 
+static void list_blended(const struct ls_promotion_report *report, struct ls_exr_attrs *attrs)
+{
+    char text[LS_SPECTRA_SAID * 34] = "";
+    for (uint32_t i = 0; i < report->n; i++) {
+        size_t used = strlen(text);
+        if (report->spectrum[i].blended)
+            snprintf(text + used, sizeof text - used, "%s%s", used ? ", " : "",
+                     report->spectrum[i].channel);
+    }
+    if (text[0])
+        ls_exr_attrs_string(attrs, "lightstage/blended", text);
+}
+
 /* The largest error of the spectra that have one. */
 static void add_worst(const struct ls_promotion_report *report, struct ls_exr_attrs *attrs)
 {
@@ -103,6 +117,7 @@ void ls_promotion_report_attrs(const struct ls_promotion_report *report, bool ba
     ls_exr_attrs_string(attrs, "lightstage/reference",
                         said && !baseline ? reference_of(said) : "none");
     list_models(report, attrs);
+    list_blended(report, attrs);
     add_worst(report, attrs);
 }
 
@@ -112,6 +127,8 @@ static json_t *spectrum_json(const struct ls_spectrum_said *said)
                             ls_model_name(said->model), "reference", reference_of(said));
     if (said->segments > 0)
         json_object_set_new(out, "segments", json_integer(said->segments));
+    if (said->model == LIGHTSTAGE__MODEL__LINEAR)
+        json_object_set_new(out, "blended", json_boolean(said->blended));
     if (is_estimated(said)) {
         json_object_set_new(out, "left_out_error", json_real(said->left_out_error));
         json_object_set_new(out, "left_out_share", json_real(said->left_out_share));
@@ -147,6 +164,9 @@ void ls_promotion_report_print(const struct ls_promotion_report *report)
 {
     for (uint32_t i = 0; i < report->n; i++) {
         const struct ls_spectrum_said *said = &report->spectrum[i];
+        if (said->blended)
+            printf("%s: one value a pixel: a blend of the ratios of %u segments, no matrix\n",
+                   said->channel, said->segments);
         if (is_estimated(said))
             printf("%s: fitted on %u segments; each left out and predicted: %.2f %% off\n",
                    said->channel, said->segments, 100 * said->left_out_error);

@@ -17,6 +17,7 @@ struct ls_spectrum_said {
     Lightstage__Model model;
     Lightstage__Reference reference;
     uint32_t segments, inseparable_lights;
+    bool blended;                          /* the segments' ratios, in place of a matrix */
     double left_out_error, left_out_share; /* share 0: no estimate */
     uint32_t multiplexed;                  /* 0: one by one */
     double spare_deviation;                /* sigmas */
@@ -39,7 +40,8 @@ void ls_promotion_report_keep(struct ls_promotion_report *report,
 /** OpenEXR attributes: lightstage/model, the model by which any of the spectra was promoted, else
  * "measured"; lightstage/reference, what it was divided by, else "none"; lightstage/models, each
  * channel with its own, where there are several; lightstage/leftOutError, the largest, where
- * estimated; lightstage/checkedError and lightstage/highlightError likewise, where checked.
+ * estimated; lightstage/checkedError and lightstage/highlightError likewise, where checked;
+ * lightstage/blended, the channels that were blended, where any was.
  * @baseline: the tristimulus picture. Errors stay in attrs->err. */
 void ls_promotion_report_attrs(const struct ls_promotion_report *report, bool baseline,
                                struct ls_exr_attrs *attrs);

@@ -182,6 +182,7 @@ void ls_promotion_report(const struct ls_field_source *source, const struct ls_p
         return;
     out->model = promotion->model;
     out->reference = promotion->reference;
+    out->blended = way->kind == LS_WAY_BLEND;
     out->segments = way->map->n_segments;
     out->left_out_error = way->map->left_out_error;
     out->left_out_share = way->map->left_out_share;

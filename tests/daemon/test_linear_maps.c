@@ -219,6 +219,10 @@ static void of_two_spectra_the_way_estimated_better_is_served(struct room *room,
     g_assert_cmpfloat(matrix, >, 0);
     g_assert_cmpint(way.kind, ==, blend < matrix ? LS_WAY_BLEND : LS_WAY_MATRIX);
     g_assert_cmpfloat(way.map->left_out_error, ==, fmin(blend, matrix));
+    Lightstage__SpectrumReport report;
+    ls_promotion_report(room->source, &linear, &way, &report);
+    g_assert_cmpint(report.blended, ==, blend < matrix);
+    g_assert_cmpfloat(report.left_out_error, ==, fmin(blend, matrix));
 }
 
 static void the_report_says_what_was_checked(struct room *room, gconstpointer data)
@@ -231,6 +235,7 @@ static void the_report_says_what_was_checked(struct room *room, gconstpointer da
     g_assert_cmpfloat(report.highlight_share, ==, way.map->highlight_share);
     g_assert_cmpfloat(report.highlight_error, ==, way.map->highlight_error);
     g_assert_cmpuint(report.segments, ==, FULL_SEGMENTS);
+    g_assert_false(report.blended);
     g_assert_cmpfloat(report.left_out_error, >, 0);
     /* every fifth pixel of every fifth row */
     g_assert_cmpfloat(report.left_out_share, ==, 30.0 * 28.0 / FULL_PIXELS);
