@@ -13,6 +13,7 @@ enum {
     IN_FLIGHT = 8,    /* event transfers, so that none waits for the host */
     MOST_REGS = 125,  /* of a transaction, as on Modbus */
     CLOSING_MS = 200, /* for cancelled transfers to come back */
+    ENGLISH = 0x0409, /* of strings */
 };
 
 struct usb_link {
@@ -128,6 +129,9 @@ static enum ls_err failed(struct usb_link *u, const char *doing, int error, stru
     if (error == LIBUSB_ERROR_BUSY)
         return ls_fail(diag, LS_ERR_BUSY, "USB controller \"%s\": %s: another process has it",
                        serial, doing);
+    if (error == LIBUSB_ERROR_TIMEOUT)
+        return ls_fail(diag, LS_ERR_TIMEOUT, "USB controller \"%s\": %s: no answer within %u ms",
+                       serial, doing, u->timeout_ms);
     if (error == LIBUSB_ERROR_NO_MEM)
         return ls_fail(diag, LS_ERR_NOMEM, "out of memory");
     return ls_fail(diag, LS_ERR_GONE, "USB controller \"%s\": %s: %s", serial, doing,
@@ -141,35 +145,67 @@ static bool is_controller(libusb_device *device)
            d.idProduct == LS_WIRE_USB_PRODUCT;
 }
 
-static bool is_wanted(const struct usb_link *u, libusb_device_handle *handle)
+/** Is the string descriptor of @n bytes, in UTF-16LE, this ASCII text? */
+static bool says(const uint8_t *descriptor, size_t n, const char *text)
+{
+    size_t length = strlen(text);
+    if (n != 2 + 2 * length || descriptor[0] != n || descriptor[1] != LIBUSB_DT_STRING)
+        return false;
+    for (size_t i = 0; i < length; i++)
+        if (descriptor[2 + 2 * i] != (uint8_t)text[i] || descriptor[3 + 2 * i])
+            return false;
+    return true;
+}
+
+/** An error of libusb, or 0. libusb's own call for strings waits a second, whatever ours is. */
+static int is_wanted(const struct usb_link *u, libusb_device_handle *handle, bool *wanted)
 {
     struct libusb_device_descriptor d;
-    unsigned char serial[64] = "";
-    if (!strcmp(u->serial, "any"))
-        return true;
-    return !libusb_get_device_descriptor(libusb_get_device(handle), &d) &&
-           libusb_get_string_descriptor_ascii(handle, d.iSerialNumber, serial, sizeof serial) > 0 &&
-           !strcmp((char *)serial, u->serial);
+    uint8_t descriptor[255];
+    *wanted = !strcmp(u->serial, "any");
+    if (*wanted || libusb_get_device_descriptor(libusb_get_device(handle), &d) || !d.iSerialNumber)
+        return 0;
+    int n = libusb_control_transfer(handle, LIBUSB_ENDPOINT_IN, LIBUSB_REQUEST_GET_DESCRIPTOR,
+                                    (uint16_t)(LIBUSB_DT_STRING << 8 | d.iSerialNumber), ENGLISH,
+                                    descriptor, sizeof descriptor, u->timeout_ms);
+    *wanted = n > 0 && says(descriptor, (size_t)n, u->serial);
+    return n < 0 && n != LIBUSB_ERROR_PIPE ? n : 0; /* a stall: it has no such string */
 }
 
 struct search {
     libusb_device_handle *found;
     unsigned n; /* controllers wanted */
-    int error;  /* of one that could not be opened */
+    int error;  /* of one that could not be asked */
+    const char *doing;
 };
 
 static void look_at(struct usb_link *u, libusb_device *device, struct search *search)
 {
     libusb_device_handle *handle;
+    bool wanted;
     int error = libusb_open(device, &handle);
     if (error) {
         search->error = error;
+        search->doing = "opening";
         return;
     }
-    if (is_wanted(u, handle) && !search->n++)
+    error = is_wanted(u, handle, &wanted);
+    if (error) {
+        search->error = error;
+        search->doing = "reading serial numbers";
+    }
+    if (wanted && !search->n++)
         search->found = handle;
     else
         libusb_close(handle);
+}
+
+static enum ls_err several(const struct usb_link *u, unsigned n, struct ls_diag *diag)
+{
+    return ls_fail(diag, LS_ERR_INVALID, "USB controller \"%s\": %u are plugged in; %s", u->serial,
+                   n,
+                   strcmp(u->serial, "any") ? "leave one of them, or give each its own number"
+                                            : "name one by its serial number");
 }
 
 static enum ls_err find(struct usb_link *u, struct ls_diag *diag)
@@ -185,15 +221,13 @@ static enum ls_err find(struct usb_link *u, struct ls_diag *diag)
     libusb_free_device_list(list, 1);
     if (search.n > 1) {
         libusb_close(search.found);
-        return ls_fail(diag, LS_ERR_INVALID,
-                       "USB controller \"any\": %u are plugged in; name one by its serial number",
-                       search.n);
+        return several(u, search.n, diag);
     }
     u->device = search.found;
     if (search.n)
         return LS_OK;
     if (search.error)
-        return failed(u, "opening", search.error, diag);
+        return failed(u, search.doing, search.error, diag);
     return ls_fail(
         diag, LS_ERR_GONE,
         "USB controller \"%s\": not plugged in, or not powered, or another serial number",
@@ -290,8 +324,7 @@ static enum ls_err judge(struct ls_link *link, const char *doing, unsigned addre
                        "%s at register %u: refused by the controller", doing, address);
     case LIBUSB_TRANSFER_TIMED_OUT:
         link_disconnect(link);
-        return ls_fail(diag, LS_ERR_TIMEOUT, "USB controller \"%s\": %s: no answer within %u ms",
-                       u->serial, doing, u->timeout_ms);
+        return failed(u, doing, LIBUSB_ERROR_TIMEOUT, diag);
     default:
         link_disconnect(link);
         return ls_fail(diag, LS_ERR_GONE, "USB controller \"%s\": %s: it was unplugged", u->serial,

@@ -14,8 +14,9 @@
 #include "drivers/link.h"
 
 /** The address is the controller's serial number, or "any" for the only one. connect waits one
- * timeout for the controller to be plugged in. Its errors beside drivers/link.h: LS_ERR_REFUSED
- * (no permission), LS_ERR_BUSY (another process has it), LS_ERR_INVALID ("any" of several). */
+ * timeout for the controller to be plugged in, and one for each serial number it asks for. Its
+ * errors beside drivers/link.h: LS_ERR_REFUSED (no permission), LS_ERR_BUSY (another process has
+ * it), LS_ERR_INVALID (several). */
 extern const struct ls_wire ls_wire_usb;
 
 #endif

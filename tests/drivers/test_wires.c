@@ -192,6 +192,39 @@ static void test_unplugged(void)
     dome_stop(&dome);
 }
 
+/** It stops answering: opening it again asks for its serial number, under the same timeout. */
+static void test_mute_by_serial(void)
+{
+    struct sim_controller_config config =
+        with_fault(SIM_WIRE_USB, (struct sim_controller_fault){SIM_CONTROLLER_DEAD, 0, 1, 0});
+    struct dome dome = dome_start(&config);
+    struct ls_lights_config address = dome_address(&dome);
+    struct ls_lights *lights;
+    struct ls_lights_status status;
+    struct ls_step step = {.pulse_us = 100};
+    struct ls_program program = {&condition, 1, &step, 1, 1000};
+    struct ls_diag diag = {0};
+    enum ls_err err;
+    size_t n;
+    address.timeout_ms = 100;
+    address.address = config.serial;
+    must(ls_lights_open(&address, &lights, &diag), &diag);
+    must(ls_lights_load(lights, &program, NULL, &diag), &diag);
+    must(ls_lights_arm(lights, &diag), &diag);
+    must(ls_lights_grant(lights, 1, &diag), &diag);
+    gint64 start;
+    do {
+        start = g_get_monotonic_time();
+        err = ls_lights_poll(lights, &status, NULL, 0, &n, &diag);
+    } while (!err);
+    g_assert_cmpint(err, ==, LS_ERR_TIMEOUT);
+    g_assert_nonnull(strstr(diag.text, "serial numbers: no answer within 100 ms"));
+    /* five timeouts at most, by the contract of lights.h, and scheduling */
+    g_assert_cmpint(g_get_monotonic_time() - start, <, 700000);
+    ls_lights_close(lights);
+    dome_stop(&dome);
+}
+
 static void test_serial_number(void)
 {
     struct sim_controller_config config = dome_small();
@@ -311,6 +344,8 @@ int main(int argc, char **argv)
     g_test_add_func("/wires/usb/damaged-packets-lose-no-event", test_damaged_packets);
     g_test_add_func("/wires/usb/a-stalled-endpoint-is-cleared", test_halt);
     g_test_add_func("/wires/usb/a-pulled-plug-is-gone-in-bounds", test_unplugged);
+    g_test_add_func("/wires/usb/a-mute-controller-of-a-serial-number-times-out",
+                    test_mute_by_serial);
     g_test_add_func("/wires/usb/the-serial-number-chooses", test_serial_number);
     g_test_add_func("/wires/usb/every-flipped-bit-of-a-packet-is-caught", test_every_flipped_bit);
     g_test_add_func("/wires/usb/records-of-another-power-up-are-dropped", test_another_power_up);
