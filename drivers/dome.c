@@ -93,11 +93,12 @@ static enum ls_err write_again(struct ls_dome *dome, unsigned address, unsigned 
     return err;
 }
 
+/** A link that is not connected was refused by the host, not by the controller. */
 static enum ls_err explain(struct ls_dome *dome, enum ls_err err, const char *doing,
                            struct ls_diag *diag)
 {
     uint16_t status[LS_WIRE_STATUS_SIZE];
-    if (err != LS_ERR_REFUSED)
+    if (err != LS_ERR_REFUSED || !dome->link->connected)
         return err;
     enum ls_err read = read_status(dome, status, diag);
     return read ? read : ls_wire_refused(status, doing, diag);

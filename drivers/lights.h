@@ -20,9 +20,11 @@
  * that width.
  *
  * A lost link. grant and poll reconnect once, check that it is the same controller, since the same
- * power-up and arm, and repeat the request, which does no harm: so they block for at most five
- * timeouts of the link. Everything else fails and leaves it to the caller. What was fired in the
- * meantime is not lost: events wait in the controller until they have been read.
+ * power-up and arm, and repeat the request, which does no harm: a mute controller blocks them for
+ * at most five timeouts of the link, one whose every answer comes at the last moment for nine, a
+ * round trip of poll; on USB 0.4 s are added for closing. Everything else fails and leaves it to
+ * the caller. What was fired in the meantime is not lost: events wait in the controller until they
+ * have been read.
  */
 #ifndef LS_DRIVERS_LIGHTS_H
 #define LS_DRIVERS_LIGHTS_H
@@ -154,7 +156,10 @@ struct ls_lights;
 
 /**
  * Connect and identify. Errors: LS_ERR_NOT_FOUND (no such driver), LS_ERR_GONE (nobody there),
- * LS_ERR_TIMEOUT, LS_ERR_UNSUPPORTED (other contract version or not a dome at all).
+ * LS_ERR_TIMEOUT, LS_ERR_UNSUPPORTED (other contract version or not a dome at all), LS_ERR_INVALID
+ * (no usable address, rate or timeout; several controllers that it names), LS_ERR_REFUSED (this
+ * user may not open it), LS_ERR_BUSY (another process has it), LS_ERR_NOMEM. Who reconnects later
+ * can meet the same.
  * @out: (transfer full), released by ls_lights_close.
  */
 LS_MUST_CHECK enum ls_err ls_lights_open(const struct ls_lights_config *config,

@@ -2,6 +2,7 @@
  * damaged, a stalled endpoint, a pulled plug. The rest is test_lights.c's, for all wires. */
 #include "drivers/dome.h"
 #include "drivers/lights.h"
+#include "drivers/modbus/modbus.h"
 #include "drivers/usb/packet.h"
 #include "drivers/usb/usb.h"
 #include "tests/drivers/dome_fixture.h"
@@ -244,6 +245,32 @@ static void test_serial_number(void)
     dome_stop(&dome);
 }
 
+static enum ls_err refuse_permission(struct ls_link *link, struct ls_diag *diag)
+{
+    (void)link;
+    return ls_fail(diag, LS_ERR_REFUSED, "no permission");
+}
+
+static void test_refused_by_the_host(void)
+{
+    struct sim_controller_config config = dome_small();
+    struct dome stand = dome_start(&config);
+    struct ls_lights_config address = dome_address(&stand);
+    struct ls_link *link;
+    struct ls_dome *dome;
+    struct ls_diag diag = {0};
+    must(ls_wire_modbus.create(&address, &link, &diag), &diag);
+    must(ls_dome_open(link, &dome, &diag), &diag);
+    struct ls_link_ops ops = *link->ops;
+    ops.connect = refuse_permission;
+    link->ops = &ops;
+    ops.disconnect(link);
+    g_assert_cmpint(ls_dome_grant(dome, 1, &diag), ==, LS_ERR_REFUSED);
+    g_assert_cmpstr(diag.text, ==, "no permission");
+    ls_dome_close(dome);
+    dome_stop(&stand);
+}
+
 /** An answer that comes after its timeout must not pass for the answer to the next question:
  * statuses would be old, and acknowledged events read twice. */
 static void test_late_answers(void)
@@ -350,6 +377,7 @@ int main(int argc, char **argv)
     g_test_add_func("/wires/usb/every-flipped-bit-of-a-packet-is-caught", test_every_flipped_bit);
     g_test_add_func("/wires/usb/records-of-another-power-up-are-dropped", test_another_power_up);
     g_test_add_func("/wires/usb/a-full-queue-keeps-what-came-first", test_full_queue);
+    g_test_add_func("/wires/a-refused-reconnection-says-why", test_refused_by_the_host);
     g_test_add_func("/wires/rtu/a-late-answer-is-no-answer-to-the-next", test_late_answers);
     g_test_add_func("/wires/rtu/rates-and-timeouts-that-cannot-work-are-refused", test_baud);
     return g_test_run();
