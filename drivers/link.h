@@ -26,10 +26,13 @@ struct ls_link;
  * LS_ERR_BUSY, LS_ERR_UNSUPPORTED (it does not have these registers), LS_ERR_MISMATCH (connect:
  * another controller answers). They allocate nothing of ours. */
 struct ls_link_ops {
-    /** Blocks for two timeouts at most. */
+    /** Blocks for two timeouts at most; on USB for one more for each other controller that is asked
+     * for its serial number and does not answer. */
     enum ls_err (*connect)(struct ls_link *link, struct ls_diag *diag);
+    /** Blocks for 200 ms at most, on USB: transfers under way are awaited. */
     void (*disconnect)(struct ls_link *link);
-    /** One transaction each, while connected. Blocks for one timeout at most. */
+    /** While connected. One transaction each, which blocks for one timeout at most; write_read is
+     * two on USB. If it fails so that the link is given up, a disconnect is added. */
     enum ls_err (*read)(struct ls_link *link, unsigned address, unsigned n, uint16_t *regs,
                         struct ls_diag *diag);
     enum ls_err (*write)(struct ls_link *link, unsigned address, unsigned n, const uint16_t *regs,
