@@ -62,7 +62,7 @@ enum ls_err ls_crew_run(const struct ls_crew *crew, uint32_t n_items, ls_crew_wo
     for (unsigned t = 0; t < n; t++) {
         members[t] = (struct member){.run = &run, .number = t};
         if (t > 0)
-            members[t].thread = g_thread_new("ls-crew", work, &members[t]);
+            members[t].thread = g_thread_try_new("ls-crew", work, &members[t], NULL);
     }
     work(&members[0]);
     for (unsigned t = 0; t < n; t++) {

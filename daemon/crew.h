@@ -26,8 +26,9 @@ enum { LS_CREW_MAX_THREADS = 8 };
 /** As many threads as there are processors, 1 to 4. */
 unsigned ls_crew_threads(void);
 
-/** Do pieces [0, n_items) and wait for them. An error stops the rest; that of the lowest failing
- * piece is returned, LS_ERR_ABORTED where the asker was cancelled. */
+/** Do pieces [0, n_items) and wait for them, with fewer threads where the system has no more. An
+ * error stops the rest; that of the lowest failing piece is returned, LS_ERR_ABORTED where the
+ * asker was cancelled. */
 LS_MUST_CHECK enum ls_err ls_crew_run(const struct ls_crew *crew, uint32_t n_items,
                                       ls_crew_work *work, void *user, struct ls_diag *diag);
 

@@ -7,12 +7,15 @@
 #include "daemon/field_cache.h"
 #include "daemon/field_segments.h"
 #include "daemon/linear_maps.h"
+#include "daemon/map_file.h"
 #include "daemon/promotion.h"
 #include "tests/daemon/full_take.h"
 
 #include <math.h>
+#include <signal.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/resource.h>
 
 static const struct ls_demosaic_region whole = {0, 0, FULL_W, FULL_H};
 static const struct ls_promotion linear = {.model = LIGHTSTAGE__MODEL__LINEAR};
@@ -225,6 +228,25 @@ static void of_two_spectra_the_way_estimated_better_is_served(struct room *room,
     g_assert_cmpfloat(report.left_out_error, ==, fmin(blend, matrix));
 }
 
+/* No file may be larger than the matrices: white's and green's two floats a pixel, of which the
+ * blend takes three. */
+static void a_blend_that_has_no_room_leaves_the_matrices(struct room *room, gconstpointer data)
+{
+    const size_t pixel = FULL_PIXELS * sizeof(float);
+    struct rlimit usual;
+    struct ls_map_file larger = {0};
+    g_assert_cmpint(getrlimit(RLIMIT_FSIZE, &usual), ==, 0);
+    const struct rlimit small = {2 * pixel, usual.rlim_max};
+    signal(SIGXFSZ, SIG_IGN);
+    g_assert_cmpint(setrlimit(RLIMIT_FSIZE, &small), ==, 0);
+    enum ls_err full = ls_map_file_create(&larger, room->source->storage, 3 * pixel, 0, NULL);
+    struct ls_way way = way_to_red(room);
+    g_assert_cmpint(setrlimit(RLIMIT_FSIZE, &usual), ==, 0);
+    g_assert_cmpint(full, ==, LS_ERR_FULL);
+    g_assert_cmpint(way.kind, ==, LS_WAY_MATRIX);
+    g_assert_cmpfloat(way.map->left_out_error, ==, estimate_by(room, false));
+}
+
 static void the_report_says_what_was_checked(struct room *room, gconstpointer data)
 {
     struct ls_way way = way_to_red(room);
@@ -296,51 +318,6 @@ static void any_number_of_threads_gives_the_same_bits(struct room *room, gconstp
 
 /* ---- cancel ---- */
 
-struct pieces {
-    struct ls_job asker;
-    int done; /* atomic */
-};
-
-static enum ls_err cancel_at_the_third(void *user, uint32_t item, unsigned thread,
-                                       struct ls_diag *diag)
-{
-    struct pieces *pieces = user;
-    g_atomic_int_inc(&pieces->done);
-    if (item == 2)
-        ls_job_cancel(&pieces->asker);
-    return LS_OK;
-}
-
-static void a_cancelled_asker_ends_the_work_between_two_pieces(void)
-{
-    for (unsigned n = 1; n <= 4; n++) {
-        struct pieces pieces = {0};
-        const struct ls_crew crew = {n, &pieces.asker};
-        g_assert_cmpint(ls_crew_run(&crew, 100000, cancel_at_the_third, &pieces, NULL), ==,
-                        LS_ERR_ABORTED);
-        g_assert_cmpint(pieces.done, <, 100000);
-        if (n == 1)
-            g_assert_cmpint(pieces.done, ==, 3);
-    }
-}
-
-static enum ls_err fail_from_the_fifth(void *user, uint32_t item, unsigned thread,
-                                       struct ls_diag *diag)
-{
-    return item < 5 ? LS_OK : ls_fail(diag, LS_ERR_FULL, "piece %u", item);
-}
-
-static void the_first_piece_that_fails_is_the_one_told_of(void)
-{
-    for (unsigned n = 1; n <= 4; n++) {
-        const struct ls_crew crew = {n, NULL};
-        struct ls_diag diag = {0};
-        g_assert_cmpint(ls_crew_run(&crew, 1000, fail_from_the_fifth, NULL, &diag), ==,
-                        LS_ERR_FULL);
-        g_assert_cmpstr(diag.text, ==, "piece 5");
-    }
-}
-
 /* Any kind of map; afterwards it can be made as if nobody had asked. */
 static void a_cancelled_asker_leaves_no_map(struct room *room, gconstpointer data)
 {
@@ -396,6 +373,8 @@ int main(int argc, char **argv)
          of_two_spectra_the_way_estimated_better_is_served);
     TEST("of-two-telling-spectra-the-way-estimated-better-is-served", &telling,
          of_two_spectra_the_way_estimated_better_is_served);
+    TEST("a-blend-that-has-no-room-leaves-the-matrices", &two,
+         a_blend_that_has_no_room_leaves_the_matrices);
     TEST("the-report-says-what-was-checked", &glint, the_report_says_what_was_checked);
     TEST("a-spectrum-under-all-lights-is-not-fitted", &all,
          a_spectrum_under_all_lights_is_not_fitted);
@@ -403,9 +382,5 @@ int main(int argc, char **argv)
          any_number_of_threads_gives_the_same_bits);
     TEST("a-cancelled-asker-leaves-no-map", &few, a_cancelled_asker_leaves_no_map);
     TEST("a-cancelled-fetch-makes-no-map", &few, a_cancelled_fetch_makes_no_map);
-    g_test_add_func("/linear-maps/a-cancelled-asker-ends-the-work-between-two-pieces",
-                    a_cancelled_asker_ends_the_work_between_two_pieces);
-    g_test_add_func("/linear-maps/the-first-piece-that-fails-is-the-one-told-of",
-                    the_first_piece_that_fails_is_the_one_told_of);
     return g_test_run();
 }
