@@ -502,7 +502,7 @@ static void settle_fits(struct fits *fits, enum ls_err err)
 }
 
 /* Two spectra of a mono camera may tell less of a third than segments do: of each target the
- * better is kept, by what is estimated of both. */
+ * better is kept, by what is estimated of both; the matrix where there is no room for both. */
 static enum ls_err fit_or_blend(struct fits *fits, struct ls_diag *diag)
 {
     struct ls_linear_job *job = &fits->job;
@@ -510,12 +510,13 @@ static enum ls_err fit_or_blend(struct fits *fits, struct ls_diag *diag)
         return LS_OK;
     struct fits *blend = malloc(sizeof *blend);
     if (!blend)
-        return ls_fail(diag, LS_ERR_NOMEM, "out of memory for segments");
+        return LS_OK;
     *blend = *fits;
     memset(blend->made, 0, sizeof blend->made);
     blend->job.targets = blend->targets;
     blend->job.n_sets = 1;
-    enum ls_err err = fit(blend, diag);
+    struct ls_diag own = {{0}};
+    enum ls_err err = fit(blend, &own);
     for (uint32_t t = 0; t < job->n_targets; t++) {
         bool better = !err && ls_linear_estimate(&blend->targets[t].left_out) <
                                   ls_linear_estimate(&fits->targets[t].left_out);
@@ -528,6 +529,10 @@ static enum ls_err fit_or_blend(struct fits *fits, struct ls_diag *diag)
     free(blend->phi);
     free(blend->others);
     free(blend);
+    if (err == LS_ERR_FULL || err == LS_ERR_NOMEM)
+        return LS_OK;
+    if (err && diag)
+        *diag = own;
     return err;
 }
 
