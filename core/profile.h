@@ -12,10 +12,11 @@ struct ls_profile {
     const char *name;
     double m[3][3];              /* camera-raw to linear Rec. 709, white balance in it */
     double ball_reflectivity[3]; /* R, G, B of the mirror ball */
+    double mono_mix[3];          /* R, G, B of the camera that add up to its monochrome sister */
 };
 
-/** "paper": LeGendre, Yu and Debevec, Ximea MQ042CG-CM and their mirror ball. NULL: no such name.
- * RT-safe. */
+/** "paper": LeGendre, Yu and Debevec, Ximea MQ042CG-CM and their mirror ball, as they publish them.
+ * NULL: no such name. RT-safe. */
 const struct ls_profile *ls_profile_find(const char *name);
 
 #endif

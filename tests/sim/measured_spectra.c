@@ -1,5 +1,6 @@
 #include "tests/sim/measured_spectra.h"
 
+#include "core/profile.h"
 #include "tests/core/shared_data.h"
 
 #include <glib/gstdio.h>
@@ -51,16 +52,15 @@ static void copy_own(const char *folder, const char *file)
     g_assert_true(g_file_set_contents(to, text, (gssize)bytes, NULL));
 }
 
-const double measured_mono_mix[3] = {0.986, 0.368, 0.578};
-
 static void write_camera(const char *folder, const struct ls_spectra *camera)
 {
     static const char *const names[] = {"red", "green", "blue", "mono"};
+    const double *mix = ls_profile_find("paper")->mono_mix;
     struct ls_spectrum column[4] = {{{0}}};
     for (int i = 0; i < LS_SPECTRUM_N; i++)
         for (int c = 0; c < 3; c++) {
             column[c].v[i] = camera->item[c].spectrum.v[i];
-            column[3].v[i] += measured_mono_mix[c] * column[c].v[i];
+            column[3].v[i] += mix[c] * column[c].v[i];
         }
     write_table(folder, "camera.csv", column, names, 4);
 }

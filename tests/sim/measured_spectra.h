@@ -14,9 +14,6 @@
 
 #include <glib.h>
 
-/** R, G, B of the paper's camera to its monochrome sister. */
-extern const double measured_mono_mix[3];
-
 /** A table of the measured data, or of the simulator's own folder; NULL after skipping the test. */
 struct ls_spectra *measured_table(const char *relative);
 

@@ -2,6 +2,7 @@
 
 #include "core/cell_lighting.h"
 #include "core/envlights.h"
+#include "core/profile.h"
 #include "core/segments.h"
 #include "tests/sim/measured_spectra.h"
 
@@ -125,7 +126,7 @@ struct stage *stage_new(const char *folder)
 
 double stage_p(const struct stage *stage, int s, int c, int colours)
 {
-    const double *mix = measured_mono_mix;
+    const double *mix = ls_profile_find("paper")->mono_mix;
     const float *p = stage->cal->p[s];
     if (colours == 3)
         return (double)p[c];
@@ -141,7 +142,7 @@ void apply_m(const double *m, const double in[3], double out[3])
 double *stage_strengths(const struct stage *stage, enum method method)
 {
     const struct ls_calibration *cal = stage->cal;
-    const double *mix = measured_mono_mix;
+    const double *mix = ls_profile_find("paper")->mono_mix;
     static double chart[CHART * 3 * SPECTRA];
     struct ls_spectrum after_m[3] = {{{0}}};
     struct ls_lighting lighting = {.n_patches = CHART,

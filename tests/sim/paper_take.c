@@ -1,6 +1,7 @@
 #include "tests/sim/paper_take.h"
 
 #include "core/half.h"
+#include "core/profile.h"
 #include "core/relight.h"
 #include "tests/sim/measured_spectra.h"
 
@@ -29,7 +30,7 @@ static int sample_at(int pixel)
 /* As the paper's mono camera would have it: its mix, in colour 0. */
 static void see(struct paper_take *take)
 {
-    const double *mix = measured_mono_mix;
+    const double *mix = ls_profile_find("paper")->mono_mix;
     for (int i = 0; i < LIGHTS; i++)
         for (int s = 0; s < CHANNELS; s++)
             for (int p = 0; p < SAMPLES; p++) {
