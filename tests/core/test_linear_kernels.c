@@ -130,11 +130,12 @@ static void check_guards(const struct guards *guards, bool at_end, uint32_t n_in
     x.pictures.height = 1;
     g_assert_cmpint(ls_linear_sums_init(&x.pictures, &x.options, 0, 1, &sums, NULL), ==, LS_OK);
     struct ls_linear_sums beside = {
-        .v = put(*map++, page, at_end, sums.v, pixels * n_in),
-        .sigma = put(*map++, page, at_end, sums.sigma, pixels * n_in),
-        .f = put(*map++, page, at_end, sums.f, pixels * n_out),
-        .ratio = put(*map++, page, at_end, sums.ratio, pixels * n_out),
+        .v = put(map[0], page, at_end, sums.v, pixels * n_in),
+        .sigma = put(map[1], page, at_end, sums.sigma, pixels * n_in),
+        .f = put(map[2], page, at_end, sums.f, pixels * n_out),
+        .ratio = put(map[3], page, at_end, sums.ratio, pixels * n_out),
     };
+    map += 4;
     struct ls_linear_pictures pictures = x.pictures;
     for (uint32_t g = 0; g < G; g++) {
         v[g] = put(*map++, page, at_end, x.v[g], pixels * n_in);
