@@ -64,6 +64,12 @@ static inline uint64_t ls_link_now_ns(void)
     return (uint64_t)now.tv_sec * 1000000000u + (uint64_t)now.tv_nsec;
 }
 
+/** The same in milliseconds, for time limits. */
+static inline int64_t ls_link_now_ms(void)
+{
+    return (int64_t)(ls_link_now_ns() / 1000000u);
+}
+
 /** A wire: how a link to the controller of @config is made, not yet connected. */
 struct ls_wire {
     const char *name; /* of ls_lights_config.driver */

@@ -75,6 +75,9 @@ struct sim_controller_fault *sim_controller_due_from(struct sim_controller *c,
                                                      enum sim_controller_fault_kind kind,
                                                      uint32_t step);
 
+/** Does it answer nothing now? */
+bool sim_controller_is_dead(const struct sim_controller *c);
+
 /** Latch @faults: dark, stopped. */
 void sim_controller_latch(struct sim_controller *c, uint16_t faults);
 

@@ -49,10 +49,10 @@ static double lateness_ms(struct sim_controller *c)
 }
 
 /** A controller that answers nothing lets requests pass. */
-static bool is_dead(struct sim_controller *c)
+static bool lets_pass(struct sim_controller *c)
 {
     pthread_mutex_lock(&c->lock);
-    bool dead = c->dead_until_ns && sim_now_ns() < c->dead_until_ns;
+    bool dead = sim_controller_is_dead(c);
     pthread_mutex_unlock(&c->lock);
     return dead;
 }
@@ -65,7 +65,7 @@ static void serve_one(struct sim_controller *c, struct serial *serial)
         modbus_flush(serial->modbus.context);
         return;
     }
-    if (!pace(c, length, 0) || is_dead(c))
+    if (!pace(c, length, 0) || lets_pass(c))
         return;
     int act = sim_modbus_act(&serial->modbus, c, request, length);
     if (pace(c, answer_bytes(request), lateness_ms(c)))

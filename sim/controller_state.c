@@ -7,6 +7,11 @@ static bool is_open(uint64_t until_ns)
     return until_ns && (until_ns == UINT64_MAX || sim_now_ns() < until_ns);
 }
 
+bool sim_controller_is_dead(const struct sim_controller *c)
+{
+    return is_open(c->dead_until_ns);
+}
+
 static int refuse(struct sim_controller *c, uint16_t reason, uint32_t detail)
 {
     c->refusal = (struct sim_refusal){reason, detail, 0};

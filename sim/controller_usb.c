@@ -76,11 +76,6 @@ static void give_back(struct usb *usb, struct urb *urb, int status, int length)
 
 /* ---- what the device does; all of it under the controller's lock ---- */
 
-static bool is_hung(struct sim_controller *c)
-{
-    return c->dead_until_ns && sim_now_ns() < c->dead_until_ns;
-}
-
 static void control(struct sim_controller *c, struct usb *usb, struct urb *urb)
 {
     int status = 0;
@@ -133,14 +128,14 @@ static void send_events(struct sim_controller *c)
         g_queue_remove(&usb->waiting, urb);
         give_back(usb, urb, -EPIPE, 0);
     }
-    while (usb->plugged && !is_hung(c) && usb->next_event != c->event_next &&
+    while (usb->plugged && !sim_controller_is_dead(c) && usb->next_event != c->event_next &&
            (urb = waiting_for_events(usb)))
         send_packet(c, usb, urb);
 }
 
 static void submit(struct sim_controller *c, struct usb *usb, struct urb *urb)
 {
-    if (usbdevfs(urb)->type == USBDEVFS_URB_TYPE_CONTROL && !is_hung(c)) {
+    if (usbdevfs(urb)->type == USBDEVFS_URB_TYPE_CONTROL && !sim_controller_is_dead(c)) {
         control(c, usb, urb);
         return;
     }

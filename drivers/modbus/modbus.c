@@ -8,7 +8,6 @@
 #include <stdlib.h>
 #include <string.h>
 #include <sys/socket.h>
-#include <time.h>
 #include <unistd.h>
 
 enum {
@@ -56,20 +55,13 @@ static enum ls_err lost(struct ls_link *link, const char *doing, int error, stru
                    modbus_strerror(error));
 }
 
-static int64_t now_ms(void)
-{
-    struct timespec now;
-    clock_gettime(CLOCK_MONOTONIC, &now);
-    return now.tv_sec * INT64_C(1000) + now.tv_nsec / 1000000;
-}
-
 /* Discard what comes until nothing has come for one timeout, but not for longer than two. */
 static void let_pass(struct modbus_link *m)
 {
     uint8_t bytes[256];
-    int64_t limit = now_ms() + 2 * (int64_t)m->timeout_ms;
+    int64_t limit = ls_link_now_ms() + 2 * (int64_t)m->timeout_ms;
     struct pollfd fd = {.fd = modbus_get_socket(m->modbus), .events = POLLIN};
-    while (now_ms() < limit && poll(&fd, 1, (int)m->timeout_ms) > 0)
+    while (ls_link_now_ms() < limit && poll(&fd, 1, (int)m->timeout_ms) > 0)
         if (read(fd.fd, bytes, sizeof bytes) <= 0)
             break;
     m->late = false;

@@ -7,7 +7,6 @@
 #include <stdlib.h>
 #include <string.h>
 #include <sys/time.h>
-#include <time.h>
 
 enum {
     IN_FLIGHT = 8,    /* event transfers, so that none waits for the host */
@@ -253,27 +252,20 @@ static enum ls_err find_and_claim(struct usb_link *u, struct ls_diag *diag)
     return failed(u, "claiming its interface", error, diag);
 }
 
-static int64_t now_ms(void)
-{
-    struct timespec now;
-    clock_gettime(CLOCK_MONOTONIC, &now);
-    return now.tv_sec * INT64_C(1000) + now.tv_nsec / 1000000;
-}
-
 /** Claim it, and if it is not there, or about to leave, wait one timeout for it to be plugged in.
  */
 static enum ls_err await(struct usb_link *u, struct ls_diag *diag)
 {
     libusb_hotplug_callback_handle callback;
     int arrived = 0;
-    int64_t limit = now_ms() + (int64_t)u->timeout_ms, left;
+    int64_t limit = ls_link_now_ms() + (int64_t)u->timeout_ms, left;
     int error = libusb_hotplug_register_callback(
         u->context, LIBUSB_HOTPLUG_EVENT_DEVICE_ARRIVED, 0, LS_WIRE_USB_VENDOR, LS_WIRE_USB_PRODUCT,
         LIBUSB_HOTPLUG_MATCH_ANY, on_arrival, &arrived, &callback);
     if (error)
         return failed(u, "waiting for it", error, diag);
     enum ls_err err = find_and_claim(u, diag);
-    while (err == LS_ERR_GONE && (left = limit - now_ms()) > 0) {
+    while (err == LS_ERR_GONE && (left = limit - ls_link_now_ms()) > 0) {
         handle_events(u, (unsigned)left, &arrived);
         if (!arrived)
             continue;
