@@ -1,0 +1,112 @@
+#include "daemon/capture_private.h"
+
+#include <stdio.h>
+
+enum phase { DARKS, LIGHTS }; /* lights: with the watches between them */
+
+static uint32_t find_wanted(struct ls_capture *c, enum phase phase)
+{
+    const struct ls_plan *plan = c->setup.plan;
+    uint32_t n = 0;
+    for (uint32_t i = 0; i < plan->n_steps; i++) {
+        const struct ls_plan_condition *of = &plan->conditions[plan->steps[i].condition];
+        bool first = of->dark && !of->watch;
+        c->wanted[i] = first == (phase == DARKS) && ls_merge_stage_wants(c->merge, i);
+        n += c->wanted[i];
+    }
+    return n;
+}
+
+static void count_lost(struct ls_capture *c)
+{
+    for (uint32_t i = 0; i < c->n_cameras; i++)
+        for (uint32_t k = 0; k < c->pass.program.n_steps; k++)
+            if (ls_camera_thread_outcome(c->threads[i], k) != LS_BIND_BOUND) {
+                ls_merge_stage_lost(c->merge, c->pass.plan_steps[k], i);
+                atomic_fetch_add(&c->lost, 1);
+            }
+}
+
+static enum ls_err shoot(struct ls_capture *c, struct ls_diag *diag)
+{
+    ls_merge_stage_arm(c->merge, c->pass.plan_steps, c->pass.program.n_steps);
+    enum ls_err err = ls_sequencer_run(&c->sequencer, &c->pass.program, diag);
+    if (err)
+        return err;
+    ls_merge_stage_drain(c->merge);
+    count_lost(c);
+    return atomic_load(c->sequencer.failure) ? LS_ERR_STATE : LS_OK;
+}
+
+static enum ls_err shoot_wanted(struct ls_capture *c, struct ls_diag *diag)
+{
+    const struct ls_lights_info *info = ls_lights_info(c->setup.lights);
+    enum ls_err err = LS_OK;
+    for (uint32_t next = 0; next < c->setup.plan->n_steps && !err;) {
+        next = ls_pass_fill(&c->pass, c->setup.plan, info, c->wanted, next, c->held);
+        if (c->pass.program.n_steps > 0)
+            err = shoot(c, diag);
+    }
+    return err;
+}
+
+static size_t list_reasons(char *text, size_t size, const char *what, const uint32_t *counts)
+{
+    size_t used = 0;
+    for (uint32_t i = 0; i < LS_BIND_REASONS && used < size; i++)
+        if (counts[i]) {
+            int n = snprintf(text + used, size - used, ", %u %s: %s", counts[i], what,
+                             ls_bind_reason_name((enum ls_bind_reason)i));
+            used += n > 0 ? (size_t)n : 0;
+        }
+    return used < size ? used : size;
+}
+
+/* What went wrong so far, for the journal. */
+static enum ls_err note_repair(struct ls_capture *c, uint32_t n, uint32_t pass,
+                               struct ls_diag *diag)
+{
+    char text[1024];
+    size_t used =
+        (size_t)snprintf(text, sizeof text, "repair pass %u of %u: %u steps are shot again", pass,
+                         c->setup.config->retries, n);
+    for (uint32_t i = 0; i < c->n_cameras; i++) {
+        struct ls_camera_reasons reasons = ls_camera_thread_reasons(c->threads[i]);
+        int name = snprintf(text + used, sizeof text - used, "; camera %.64s so far",
+                            ls_capture_camera(c, i)->name);
+        used += name > 0 && used + (size_t)name < sizeof text ? (size_t)name : 0;
+        used += list_reasons(text + used, sizeof text - used, "steps", reasons.steps);
+        used += list_reasons(text + used, sizeof text - used, "frames", reasons.frames);
+    }
+    return ls_store_alarm(c->setup.store, text, diag);
+}
+
+static enum ls_err shoot_phase(struct ls_capture *c, enum phase phase, struct ls_diag *diag)
+{
+    enum ls_err err = LS_OK;
+    for (uint32_t pass = 0; pass <= c->setup.config->retries && !err; pass++) {
+        uint32_t n = find_wanted(c, phase);
+        if (n == 0)
+            return LS_OK;
+        if (pass > 0)
+            err = note_repair(c, n, pass, diag);
+        if (!err)
+            err = shoot_wanted(c, diag);
+    }
+    return err;
+}
+
+/* Without its darks nothing can be merged. */
+enum ls_err ls_capture_shoot_all(struct ls_capture *c, struct ls_diag *diag)
+{
+    enum ls_err err = shoot_phase(c, DARKS, diag);
+    if (err)
+        return err;
+    uint32_t n = find_wanted(c, DARKS);
+    if (n > 0)
+        return ls_fail(diag, LS_ERR_TIMEOUT,
+                       "%u dark frames could not be had in %u passes, and without them nothing can "
+                       "be merged: check trigger and network, then resume the take",
+                       n, c->setup.config->retries + 1);
+    return shoot_phase(c, LIGHTS, diag);
+}
