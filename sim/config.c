@@ -30,6 +30,7 @@ static const struct sim_key scene_keys[] = {
      SIM_RANGE(struct sim_scene_config, sphere_radius_m, 1e-3, 0.1)},
     {"memory_bytes", SIM_KEY_U64, SIM_RANGE(struct sim_scene_config, memory_bytes, 0, I64_MAX)},
     {"threads", SIM_KEY_U32, SIM_RANGE(struct sim_scene_config, threads, 1, 2)},
+    {"stamp_frames", SIM_KEY_U32, SIM_RANGE(struct sim_scene_config, stamp_frames, 0, 64)},
     {NULL},
 };
 

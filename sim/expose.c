@@ -134,6 +134,17 @@ static void expose_row(const struct sim_scene *scene, const struct sim_exposure 
         signal[i] = signal[i] * scale + veil;
 }
 
+static struct sim_readout readout_of(const struct sim_scene *scene, const struct sim_exposure *e,
+                                     const struct sim_raw_format *f)
+{
+    return (struct sim_readout){
+        .key = sim_sensor_key(scene->config.seed, e->camera, e->sequence),
+        .exposure_s = e->exposure_us * 1e-6,
+        .gain = pow(10, f->gain_db / 20),
+        .max_dn = ls_pixel_max_dn(ls_pixel_by_code(f->pixel_format)),
+    };
+}
+
 static enum ls_err read_out(const struct sim_scene *scene, const struct sim_exposure *e,
                             const struct sim_raw_format *f, const struct sight *sight, void *raw,
                             struct ls_diag *diag)
@@ -143,12 +154,7 @@ static enum ls_err read_out(const struct sim_scene *scene, const struct sim_expo
     LS_CLEANUP_FREE uint16_t *dn = malloc(f->width * sizeof *dn);
     if (!signal || !dn)
         return ls_fail(diag, LS_ERR_NOMEM, "out of memory for a row of pixels");
-    struct sim_readout readout = {
-        .key = sim_sensor_key(scene->config.seed, e->camera, e->sequence),
-        .exposure_s = e->exposure_us * 1e-6,
-        .gain = pow(10, f->gain_db / 20),
-        .max_dn = ls_pixel_max_dn(pixel),
-    };
+    const struct sim_readout readout = readout_of(scene, e, f);
     for (uint32_t row = 0; row < f->height; row++) {
         expose_row(scene, e, f, sight, row, signal);
         sim_sensor_row(&scene->sensor[e->camera], &readout, f->offset_x, f->offset_y + row,
@@ -158,6 +164,29 @@ static enum ls_err read_out(const struct sim_scene *scene, const struct sim_expo
     return LS_OK;
 }
 
+static enum ls_err cut_stamp(struct sim_scene *scene, const struct sim_exposure *e,
+                             const struct sim_raw_format *f, void *raw, struct ls_diag *diag)
+{
+    const struct sim_stamp stamp = describe(scene, e);
+    const struct sim_readout readout = readout_of(scene, e, f);
+    return sim_stamp_frames_draw(&scene->stamp_frames[e->camera], scene->config.stamp_frames,
+                                 &scene->sensor[e->camera], &stamp, f, &readout, raw, diag);
+}
+
+static enum ls_err draw(struct sim_scene *scene, const struct sim_exposure *e,
+                        const struct sim_raw_format *f, void *raw, struct ls_diag *diag)
+{
+    struct sight sight = {0};
+    if (scene->kind == SIM_WORLD_STAMP && scene->config.stamp_frames && sim_stamp_frames_fit(f))
+        return cut_stamp(scene, e, f, raw, diag);
+    enum ls_err err = look(scene, e, f, &sight, diag);
+    if (!err)
+        err = read_out(scene, e, f, &sight, raw, diag);
+    free(sight.stamp);
+    free(sight.rendered);
+    return err;
+}
+
 enum ls_err sim_scene_expose(struct sim_scene *scene, const struct sim_exposure *exposure,
                              const struct sim_raw_format *format, void *raw, size_t raw_bytes,
                              struct ls_diag *diag)
@@ -165,13 +194,8 @@ enum ls_err sim_scene_expose(struct sim_scene *scene, const struct sim_exposure 
     enum ls_err err = check(scene, exposure, format, raw_bytes, diag);
     if (err)
         return err;
-    struct sight sight = {0};
     pthread_rwlock_rdlock(&scene->lock);
-    err = look(scene, exposure, format, &sight, diag);
-    if (!err)
-        err = read_out(scene, exposure, format, &sight, raw, diag);
+    err = draw(scene, exposure, format, raw, diag);
     pthread_rwlock_unlock(&scene->lock);
-    free(sight.stamp);
-    free(sight.rendered);
     return err;
 }

@@ -196,6 +196,7 @@ void sim_scene_destroy(struct sim_scene *scene)
     for (uint32_t i = 0; i < scene->config.n_cameras; i++) {
         sim_view_finish(&scene->view[i]);
         sim_sensor_finish(&scene->sensor[i]);
+        sim_stamp_frames_finish(&scene->stamp_frames[i]);
         sim_response_finish(&scene->response[i]);
     }
     sim_bounce_finish(&scene->bounce);

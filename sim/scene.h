@@ -93,6 +93,8 @@ struct sim_scene_config {
     double sphere_radius_m; /* of grey, chrome and gloss: (0, 0.1] */
     uint64_t memory_bytes;  /* for rendered conditions; what does not fit is rendered when shown */
     uint32_t threads;       /* renderers, 1 or 2 */
+    uint32_t stamp_frames;  /* stamps are cut out of so many frames read out before; 0 = each
+                               is read out on its own: sim/stamp_frames.h */
 };
 
 /** The reference: stilllife, 346 lights, W R A G C B V H, one 512x512 BayerRG camera at 1.6 m. */

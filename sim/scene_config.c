@@ -145,6 +145,7 @@ enum ls_err sim_scene_config_check(const struct sim_scene_config *c, struct ls_d
         {"cameras", c->n_cameras, 1, SIM_MAX_CAMERAS},
         {"sphere_radius_m", c->sphere_radius_m, 0.001, 0.1},
         {"threads", c->threads, 1, 2},
+        {"stamp_frames", c->stamp_frames, 0, 64},
     };
     enum ls_err err = check_ranges("", ranges, sizeof ranges / sizeof *ranges, diag);
     if (!err)

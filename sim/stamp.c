@@ -4,13 +4,9 @@
 
 #include <string.h>
 
-enum {
-    GRID = 16,
-    RECORD_BYTES = 28,
-    STAMP_BYTES = 32,
-};
+enum { GRID = SIM_STAMP_GRID, RECORD_BYTES = 28 };
 
-static const float dark_level = 0.2f, light_level = 0.7f;
+const float sim_stamp_level[2] = {0.2f, 0.7f};
 
 static void put(uint8_t *at, uint32_t value, int bytes)
 {
@@ -26,7 +22,7 @@ static uint32_t get(const uint8_t *at, int bytes)
     return value;
 }
 
-static void encode(const struct sim_stamp *s, uint8_t bytes[STAMP_BYTES])
+void sim_stamp_encode(const struct sim_stamp *s, uint8_t bytes[SIM_STAMP_BYTES])
 {
     put(bytes, s->kind, 2);
     put(bytes + 2, s->n_leds, 2);
@@ -41,7 +37,7 @@ static void encode(const struct sim_stamp *s, uint8_t bytes[STAMP_BYTES])
     put(bytes + RECORD_BYTES, ls_crc32c(0, bytes, RECORD_BYTES), 4);
 }
 
-static void decode(const uint8_t bytes[STAMP_BYTES], struct sim_stamp *s)
+static void decode(const uint8_t bytes[SIM_STAMP_BYTES], struct sim_stamp *s)
 {
     *s = (struct sim_stamp){
         .kind = (uint16_t)get(bytes, 2),
@@ -57,14 +53,14 @@ static void decode(const uint8_t bytes[STAMP_BYTES], struct sim_stamp *s)
     };
 }
 
-static uint32_t block_px(uint32_t width, uint32_t height)
+uint32_t sim_stamp_block_px(uint32_t width, uint32_t height)
 {
     return (width < height ? width : height) / GRID;
 }
 
 static enum ls_err check_size(uint32_t width, uint32_t height, struct ls_diag *diag)
 {
-    if (block_px(width, height) >= 2)
+    if (sim_stamp_block_px(width, height) >= 2)
         return LS_OK;
     return ls_fail(diag, LS_ERR_INVALID, "a stamp needs 32 x 32 px, the image has %u x %u", width,
                    height);
@@ -76,14 +72,14 @@ enum ls_err sim_stamp_draw(const struct sim_stamp *stamp, uint32_t width, uint32
     enum ls_err err = check_size(width, height, diag);
     if (err)
         return err;
-    uint8_t bytes[STAMP_BYTES];
-    encode(stamp, bytes);
-    uint32_t block = block_px(width, height);
+    uint8_t bytes[SIM_STAMP_BYTES];
+    sim_stamp_encode(stamp, bytes);
+    uint32_t block = sim_stamp_block_px(width, height);
     for (uint32_t y = 0; y < height; y++)
         for (uint32_t x = 0; x < width; x++) {
             uint32_t column = x / block, row = y / block, bit = row * GRID + column;
             int lit = column < GRID && row < GRID && bytes[bit / 8] >> (bit % 8) & 1;
-            image[(size_t)y * width + x] = lit ? light_level : dark_level;
+            image[(size_t)y * width + x] = sim_stamp_level[lit];
         }
     return LS_OK;
 }
@@ -97,7 +93,7 @@ static int read_bit(const uint16_t *dn, uint32_t width, uint32_t block, uint32_t
     for (uint32_t y = y0; y < y0 + side; y++)
         for (uint32_t x = x0; x < x0 + side; x++)
             sum += dn[(size_t)y * width + x];
-    return (double)sum > 0.5 * (dark_level + light_level) * full_scale * side * side;
+    return (double)sum > 0.5 * (sim_stamp_level[0] + sim_stamp_level[1]) * full_scale * side * side;
 }
 
 enum ls_err sim_stamp_read(const uint16_t *dn, uint32_t width, uint32_t height,
@@ -106,10 +102,11 @@ enum ls_err sim_stamp_read(const uint16_t *dn, uint32_t width, uint32_t height,
     enum ls_err err = check_size(width, height, diag);
     if (err)
         return err;
-    uint8_t bytes[STAMP_BYTES] = {0};
-    for (uint32_t bit = 0; bit < 8 * STAMP_BYTES; bit++)
-        bytes[bit / 8] |= (uint8_t)(read_bit(dn, width, block_px(width, height), bit, full_scale_dn)
-                                    << (bit % 8));
+    uint8_t bytes[SIM_STAMP_BYTES] = {0};
+    for (uint32_t bit = 0; bit < 8 * SIM_STAMP_BYTES; bit++)
+        bytes[bit / 8] |=
+            (uint8_t)(read_bit(dn, width, sim_stamp_block_px(width, height), bit, full_scale_dn)
+                      << (bit % 8));
     if (get(bytes + RECORD_BYTES, 4) != ls_crc32c(0, bytes, RECORD_BYTES))
         return ls_fail(diag, LS_ERR_MISMATCH, "the image carries no legible stamp");
     decode(bytes, out);

@@ -14,6 +14,11 @@
 #include <stddef.h>
 #include <stdint.h>
 
+enum { SIM_STAMP_GRID = 16, SIM_STAMP_BYTES = 32 };
+
+/** Of a dark and of a light block, of full scale. */
+extern const float sim_stamp_level[2];
+
 struct sim_stamp {
     uint16_t kind;   /* LS_WIRE_CONDITION_* */
     uint16_t n_leds; /* lit; saturates */
@@ -26,6 +31,12 @@ struct sim_stamp {
     uint32_t lit_ns_10;      /* how long of it the LEDs were on, units of 10 ns */
     uint32_t sequence;
 };
+
+/** The bits of the grid, row by row, lowest bit first. */
+void sim_stamp_encode(const struct sim_stamp *stamp, uint8_t bytes[SIM_STAMP_BYTES]);
+
+/** Side of a block. */
+uint32_t sim_stamp_block_px(uint32_t width, uint32_t height);
 
 /** Draw as fractions of full scale into a row-major @width x @height image.
  * LS_ERR_INVALID if it is too small. */

@@ -10,6 +10,7 @@
 #include "sim/scene.h"
 #include "sim/sensor.h"
 #include "sim/shade.h"
+#include "sim/stamp_frames.h"
 #include "sim/subject.h"
 #include "sim/view.h"
 
@@ -48,6 +49,7 @@ struct sim_scene {
     struct sim_view view[SIM_MAX_CAMERAS];
     struct sim_sensor sensor[SIM_MAX_CAMERAS];
     float *replay; /* [light][pixel], radiance */
+    struct sim_stamp_frames stamp_frames[SIM_MAX_CAMERAS];
     /* the committed program; lock: held to read by exposures, to write by commit */
     pthread_rwlock_t lock;
     struct sim_picture **pictures; /* every one known */

@@ -126,7 +126,8 @@ static void test_unequal_pixels(void)
     sim_sensor_finish(&s);
 }
 
-static struct sim_scene *stamping(const char *cfa, uint32_t width, uint32_t height)
+static struct sim_scene *stamping(const char *cfa, uint32_t width, uint32_t height,
+                                  uint32_t stamp_frames)
 {
     struct sim_scene_config config;
     struct sim_scene *scene = NULL;
@@ -136,6 +137,7 @@ static struct sim_scene *stamping(const char *cfa, uint32_t width, uint32_t heig
     g_strlcpy(config.views[0].cfa, cfa, sizeof config.views[0].cfa);
     config.views[0].read_noise_e = 100; /* twenty times the usual */
     config.n_lights = 12;
+    config.stamp_frames = stamp_frames;
     struct ls_diag diag = {{0}};
     g_assert_cmpint(sim_scene_create(&config, &scene, &diag), ==, LS_OK);
     return scene;
@@ -184,17 +186,58 @@ static void test_stamps(void)
     struct sim_condition program[] = {{LS_WIRE_CONDITION_DARK, 0, NULL},
                                       {LS_WIRE_CONDITION_ONE, 1, &led}};
     uint32_t tried = 0;
-    for (size_t k = 0; k < G_N_ELEMENTS(filters); k++) {
-        struct sim_scene *scene = stamping(filters[k].name, 100, 84);
+    for (size_t k = 0; k < 2 * G_N_ELEMENTS(filters); k++) {
+        const uint32_t stamp_frames = k % 2 * 3; /* read out each; cut out of three */
+        struct sim_scene *scene = stamping(filters[k / 2].name, 100, 84, stamp_frames);
         g_assert_cmpint(sim_scene_commit(scene, program, 2, NULL, NULL, NULL), ==, LS_OK);
         for (size_t i = 0; (pixel = ls_pixel_at(i)); i++)
-            if (pixel->cfa == filters[k].cfa) {
+            if (pixel->cfa == filters[k / 2].cfa) {
                 stamp_in(scene, pixel, 100, 84);
                 tried++;
             }
         sim_scene_destroy(scene);
     }
-    g_assert_cmpuint(tried, >=, 15);
+    g_assert_cmpuint(tried, >=, 30);
+}
+
+/* A frame of 512 x 512, always of the same exposure. */
+static uint16_t *stamped(uint32_t stamp_frames)
+{
+    struct sim_scene *scene = stamping("mono", 512, 512, stamp_frames);
+    struct sim_raw_format f = {
+        .width = 512, .height = 512, .pixel_format = ls_pixel_by_name("Mono16")->code};
+    struct sim_exposure e = {.condition = UINT32_MAX, .exposure_us = 400};
+    uint16_t *raw = g_new(uint16_t, 512 * 512);
+    struct ls_diag diag = {{0}};
+    g_assert_cmpint(sim_scene_expose(scene, &e, &f, raw, sim_raw_bytes(&f), &diag), ==, LS_OK);
+    sim_scene_destroy(scene);
+    return raw;
+}
+
+static void test_cut_stamps(void)
+{
+    enum { N = 512 * 512 };
+    uint16_t *read = stamped(0), *cut = stamped(2);
+    for (int light = 0; light < 2; light++) {
+        double sum[2] = {0}, square[2] = {0}, n = 0;
+        for (uint32_t i = 0; i < N; i++) {
+            if ((read[i] > 0.45 * 65535) != light || (cut[i] > 0.45 * 65535) != light)
+                continue;
+            double v[2] = {read[i], cut[i]};
+            for (int k = 0; k < 2; k++) {
+                sum[k] += v[k];
+                square[k] += v[k] * v[k];
+            }
+            n++;
+        }
+        double mean[2] = {sum[0] / n, sum[1] / n};
+        double variance[2] = {square[0] / n - mean[0] * mean[0], square[1] / n - mean[1] * mean[1]};
+        /* five standard errors of a difference of means, and of a ratio of variances */
+        g_assert_cmpfloat(fabs(mean[0] - mean[1]), <, 5 * sqrt(2 * variance[0] / n));
+        g_assert_cmpfloat(fabs(variance[1] / variance[0] - 1), <, 5 * sqrt(4 / n));
+    }
+    g_free(read);
+    g_free(cut);
 }
 
 static void test_no_stamp(void)
@@ -209,7 +252,7 @@ static void test_no_stamp(void)
 
 static void test_refusals(void)
 {
-    struct sim_scene *scene = stamping("RG", 64, 64);
+    struct sim_scene *scene = stamping("RG", 64, 64, 0);
     struct sim_exposure e = {.condition = UINT32_MAX};
     struct ls_diag diag = {{0}};
     uint8_t raw[64 * 64 * 2];
@@ -237,6 +280,8 @@ int main(int argc, char **argv)
     g_test_add_func("/sensor/a-region-is-the-same-pixels", test_regions);
     g_test_add_func("/sensor/gains-spread-and-hot-pixels-glow", test_unequal_pixels);
     g_test_add_func("/stamp/is-legible-through-noise-in-every-format", test_stamps);
+    g_test_add_func("/stamp/cut-out-of-frames-it-has-the-sensors-levels-and-noise",
+                    test_cut_stamps);
     g_test_add_func("/stamp/its-absence-is-noticed", test_no_stamp);
     g_test_add_func("/scene/formats-and-regions-that-do-not-fit-are-refused", test_refusals);
     return g_test_run();
