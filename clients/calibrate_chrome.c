@@ -33,19 +33,16 @@ static void compare(struct work *w, uint32_t light, const double direction[3])
 {
     const float *v = w->take->document->direction[light];
     const double nominal[3] = {(double)v[0], (double)v[1], (double)v[2]};
-    double off = angle_deg(direction, nominal), shaded[3], sigma;
-    const struct ls_shading *fit =
-        &w->grey
-             ->shading[(size_t)light * w->grey->n_channels + (uint32_t)ls_calibrate_white(w->take)];
+    double off = angle_deg(direction, nominal);
     w->out->n_seen++;
     if (w->grey->flags[light])
         return; /* at the ball's rim, or behind it */
     w->sum2 += off * off;
     w->n_compared++;
     w->out->worst_deg = fmax(w->out->worst_deg, off);
-    if (ls_direction_combine(nominal, fit, 1, shaded, &sigma, NULL))
+    if (!(w->grey->sigma_direction_deg[light] > 0))
         return;
-    off = angle_deg(direction, shaded);
+    off = angle_deg(direction, w->grey->direction[light]);
     w->shading2 += off * off;
     w->n_shading++;
 }
@@ -54,7 +51,7 @@ static void add_reflectivity(struct work *w, uint32_t light, const double positi
                              const float *e, const uint8_t *validity)
 {
     double strength[3], rho[3], sigma[3];
-    ls_grey_strength(w->grey, light, (uint32_t)ls_calibrate_white(w->take), strength);
+    ls_grey_strength(w->grey, light, w->grey->white, 0, strength);
     if (ls_chrome_reflectivity(w->view, position, e, validity, strength, w->reflectance, rho, sigma,
                                NULL))
         return;
@@ -64,7 +61,7 @@ static void add_reflectivity(struct work *w, uint32_t light, const double positi
             w->rho[c * w->grey->n_lights + w->n_rho[c]++] = rho[c];
 }
 
-static enum ls_err use_light(void *user, const struct ls_calibrate_picture *picture, const float *e,
+static enum ls_err use_light(void *user, const struct ls_lit_picture *picture, const float *e,
                              const uint8_t *validity, struct ls_diag *diag)
 {
     struct work *w = user;
@@ -119,8 +116,8 @@ enum ls_err ls_calibrate_chrome(const struct ls_calibrate_take *take, const stru
 {
     struct work w = {.take = take, .grey = grey, .reflectance = reflectance, .out = out};
     struct ls_diag *diag = &take->context->diag;
-    uint32_t n = take->document->n_lights, white = (uint32_t)ls_calibrate_white(take);
-    LS_CLEANUP_FREE const struct ls_calibrate_picture **lights = calloc(n, sizeof *lights);
+    uint32_t n = take->document->n_lights, white = grey->white;
+    LS_CLEANUP_FREE const struct ls_lit_picture **lights = calloc(n, sizeof *lights);
     *out = (struct ls_chrome){0};
     if (!lights)
         return ls_fail(diag, LS_ERR_NOMEM, "out of memory");
@@ -137,11 +134,11 @@ enum ls_err ls_calibrate_chrome(const struct ls_calibrate_take *take, const stru
     w.rho = rho;
     if (!rho)
         return ls_fail(diag, LS_ERR_NOMEM, "out of memory");
-    enum ls_err err = ls_sphere_view_create(&take->camera, take->document->cfa, &grey->sphere, NULL,
-                                            0, &w.view, diag);
+    enum ls_err err = ls_sphere_view_create(&take->camera, take->document->cfa,
+                                            &grey->cameras[0].sphere, NULL, 0, &w.view, diag);
     if (!err)
-        err = ls_calibrate_fetch(take, lights, n, ls_calibrate_around(take, &grey->outline),
-                                 use_light, &w);
+        err = ls_calibrate_fetch(
+            take, lights, n, ls_calibrate_around(take, &grey->cameras[0].outline), use_light, &w);
     if (!err)
         err = conclude(&w);
     ls_sphere_view_destroy(w.view);

@@ -48,8 +48,9 @@ static void find_ball(struct work *w)
 {
     for (uint32_t y = 0; y < w->region.height; y++)
         for (uint32_t x = 0; x < w->region.width; x++)
-            w->on_ball[y * w->region.width + x] = hits(
-                &w->take->camera, &w->grey->sphere, w->region.x + x + 0.5, w->region.y + y + 0.5);
+            w->on_ball[y * w->region.width + x] =
+                hits(&w->take->camera, &w->grey->cameras[0].sphere, w->region.x + x + 0.5,
+                     w->region.y + y + 0.5);
 }
 
 /* The region of a picture, gained. */
@@ -79,7 +80,7 @@ static enum ls_err model(const struct work *w, uint32_t light, struct ls_polaris
     }
     enum ls_err err = ls_polarisation_assume(&path, assumed, diag);
     if (!err)
-        err = ls_polarisation_highlight(&path, w->grey->sphere.radius_m, point, diag);
+        err = ls_polarisation_highlight(&path, w->grey->cameras[0].sphere.radius_m, point, diag);
     return err ? err : ls_polarisation_reflect(&path, point, LS_POLARISATION_INDEX, ball, diag);
 }
 
@@ -122,8 +123,8 @@ static enum ls_err conclude_light(struct work *w, uint32_t light, struct ls_diag
     return LS_OK;
 }
 
-static enum ls_err use_picture(void *user, const struct ls_calibrate_picture *picture,
-                               const float *e, const uint8_t *validity, struct ls_diag *diag)
+static enum ls_err use_picture(void *user, const struct ls_lit_picture *picture, const float *e,
+                               const uint8_t *validity, struct ls_diag *diag)
 {
     struct work *w = user;
     uint32_t light = (uint32_t)picture->light;
@@ -170,7 +171,7 @@ static bool find_polarisers(struct work *w)
     return true;
 }
 
-static enum ls_err choose(struct work *w, const struct ls_calibrate_picture **pictures)
+static enum ls_err choose(struct work *w, const struct ls_lit_picture **pictures)
 {
     struct ls_diag *diag = &w->take->context->diag;
     if (!find_polarisers(w))
@@ -189,7 +190,7 @@ static enum ls_err choose(struct work *w, const struct ls_calibrate_picture **pi
     return LS_OK;
 }
 
-static enum ls_err run(struct work *w, const struct ls_calibrate_picture **pictures)
+static enum ls_err run(struct work *w, const struct ls_lit_picture **pictures)
 {
     size_t px = (size_t)w->region.width * w->region.height;
     w->v = calloc(px, sizeof *w->v);
@@ -208,7 +209,7 @@ enum ls_err ls_calibrate_gloss(const struct ls_calibrate_take *take, const struc
 {
     uint32_t n = take->document->n_lights;
     struct work w = {.take = take, .grey = grey, .out = out};
-    LS_CLEANUP_FREE const struct ls_calibrate_picture **pictures =
+    LS_CLEANUP_FREE const struct ls_lit_picture **pictures =
         calloc(2 * (size_t)n, sizeof *pictures);
     *out = (struct ls_gloss){.n_lights = n,
                              .a_v = calloc(n, sizeof *out->a_v),
@@ -216,7 +217,7 @@ enum ls_err ls_calibrate_gloss(const struct ls_calibrate_take *take, const struc
                              .sigma = calloc(n, sizeof *out->sigma)};
     if (!pictures || !out->a_v || !out->a_h || !out->sigma)
         return ls_fail(&take->context->diag, LS_ERR_NOMEM, "out of memory");
-    w.region = ls_calibrate_around(take, &grey->outline);
+    w.region = ls_calibrate_around(take, &grey->cameras[0].outline);
     enum ls_err err = choose(&w, pictures);
     if (!err)
         err = run(&w, pictures);

@@ -1,5 +1,7 @@
 #include "clients/calibrate_residuals.h"
 
+#include "core/vec3.h"
+
 #include <math.h>
 #include <stdarg.h>
 #include <stdio.h>
@@ -83,19 +85,19 @@ static void put(struct residuals *r, double value, const char *unit, const char 
 static void put_grey(struct residuals *r, const struct ls_grey *grey,
                      struct ls_calibrate_remarks *remarks)
 {
-    const double *at = grey->sphere.centre_m;
-    put(r, 1e3 * hypot(hypot(at[0], at[1]), at[2]), "mm", "grey sphere from the centre");
-    put(r, grey->outline.radius_px, "px", "grey sphere's radius");
-    put(r, 100 * grey->misfit, "%", "shading, rms of the middle light");
-    put(r, 100 * grey->rejected, "%", "pixels off the shading");
-    put(r, 100 * grey->saturated, "%", "pixels saturated");
-    put(r, grey->misplaced_deg, "deg", "lights beside their places");
-    if (grey->misfit > good_misfit)
+    const struct ls_grey_view *v = &grey->cameras[0];
+    put(r, 1e3 * ls_length3(v->sphere.centre_m), "mm", "grey sphere from the centre");
+    put(r, v->outline.radius_px, "px", "grey sphere's radius");
+    put(r, 100 * v->misfit, "%", "shading, rms of the middle light");
+    put(r, 100 * v->rejected, "%", "pixels off the shading");
+    put(r, 100 * v->saturated, "%", "pixels saturated");
+    put(r, grey->settled.spread_deg, "deg", "lights beside their places");
+    if (v->misfit > good_misfit)
         ls_calibrate_remark(
             remarks,
             "the sphere's shading is %.1f %% off: is it clean, matte, and well in the "
             "middle?",
-            100 * grey->misfit);
+            100 * v->misfit);
 }
 
 static void put_gains(struct residuals *r, const struct ls_grey *grey,

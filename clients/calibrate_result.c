@@ -90,22 +90,15 @@ static enum ls_err fill_lights(const struct ls_calibrate_measured *m, struct ls_
     const struct ls_take_document *d = m->grey_take->document;
     const struct ls_grey *grey = m->grey;
     enum ls_err err = ls_calibration_add_measured(c, diag);
-    uint32_t white = (uint32_t)ls_calibrate_white(m->grey_take);
     for (uint32_t i = 0; i < c->n_lights && !err; i++) {
-        double nominal[3], measured[3], sigma = 0;
         for (int k = 0; k < 3; k++) {
             c->position_m[i][k] = d->position_m[i][k];
             c->direction[i][k] = d->direction[i][k];
-            nominal[k] = measured[k] = (double)d->direction[i][k];
+            c->measured_direction[i][k] = (float)grey->direction[i][k];
         }
+        c->sigma_direction_deg[i] = (float)grey->sigma_direction_deg[i];
         c->omega_sr[i] = (float)d->omega_sr[i];
         c->flags[i] = grey->flags[i];
-        if (ls_direction_combine(nominal, &grey->shading[(size_t)i * grey->n_channels + white], 1,
-                                 measured, &sigma, NULL))
-            sigma = 0;
-        for (int k = 0; k < 3; k++)
-            c->measured_direction[i][k] = (float)measured[k];
-        c->sigma_direction_deg[i] = (float)sigma;
     }
     return err;
 }
@@ -129,9 +122,9 @@ static enum ls_err fill_gains(const struct ls_calibrate_measured *m, struct ls_c
             c->k[s * n + i] = (float)grey->gains[s].k[i];
             c->sigma_k[s * n + i] = (float)grey->gains[s].sigma_k[i];
         }
-        memcpy(c->p[s], grey->p[s], sizeof c->p[s]);
+        memcpy(c->p[s], grey->cameras[0].p[s], sizeof c->p[s]);
     }
-    c->scale = grey->scale;
+    c->scale = grey->cameras[0].scale;
     free(c->k_colour);
     c->k_colour = NULL;
     if (!has_colours(grey))

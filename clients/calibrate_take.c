@@ -49,7 +49,7 @@ static void name_pattern(const json_t *item, char *out, size_t size)
 
 /* Weights of a pattern: every light, or those listed, each at its level over the nominal one. */
 static enum ls_err read_weights(struct ls_calibrate_take *take, const json_t *item, double level,
-                                struct ls_calibrate_picture *out, struct ls_diag *diag)
+                                struct ls_lit_picture *out, struct ls_diag *diag)
 {
     const json_t *lights = json_object_get(item, "lights"),
                  *levels = json_object_get(item, "levels");
@@ -85,12 +85,12 @@ static enum ls_err read_picture(struct ls_calibrate_take *take, const json_t *it
     int index = ls_calibrate_channel(take, channel);
     if (!channel)
         return LS_OK; /* a dark */
-    struct ls_calibrate_picture *out = &take->pictures[take->n_pictures];
+    struct ls_lit_picture *out = &take->pictures[take->n_pictures];
     if (!id || strlen(id) >= sizeof out->id || index < 0 || !(level >= 1) || level > FULL_LEVEL)
         return wrong(diag, "plan.conditions");
     if (pattern && strlen(pattern) >= sizeof out->pattern)
         return wrong(diag, "plan.conditions.pattern");
-    *out = (struct ls_calibrate_picture){.channel = (uint32_t)index, .duty = level / FULL_LEVEL};
+    *out = (struct ls_lit_picture){.channel = (uint32_t)index, .duty = level / FULL_LEVEL};
     take->n_pictures++;
     snprintf(out->id, sizeof out->id, "%s", id);
     if (!light)
@@ -224,33 +224,16 @@ enum ls_err ls_calibrate_take_open(struct ls_command_context *context, const cha
 
 /* ---- looking up ---- */
 
-const struct ls_calibrate_picture *ls_calibrate_find(const struct ls_calibrate_take *take,
-                                                     uint32_t channel, int32_t light,
-                                                     const char *pattern)
+const struct ls_lit_picture *ls_calibrate_find(const struct ls_calibrate_take *take,
+                                               uint32_t channel, int32_t light, const char *pattern)
 {
     for (uint32_t i = 0; i < take->n_pictures; i++) {
-        const struct ls_calibrate_picture *p = &take->pictures[i];
+        const struct ls_lit_picture *p = &take->pictures[i];
         if (p->channel == channel &&
             (light >= 0 ? p->light == light : p->light < 0 && !strcmp(p->pattern, pattern)))
             return p;
     }
     return NULL;
-}
-
-bool ls_calibrate_has_all(const struct ls_calibrate_take *take, uint32_t channel)
-{
-    uint32_t n = 0;
-    for (uint32_t i = 0; i < take->n_pictures; i++)
-        n += take->pictures[i].channel == channel && take->pictures[i].light >= 0;
-    return n == take->document->n_lights; /* the daemon refuses a plan that names one twice */
-}
-
-int ls_calibrate_white(const struct ls_calibrate_take *take)
-{
-    for (uint32_t c = 0; c < take->document->n_channels; c++)
-        if (take->document->channels[c].spectrum)
-            return (int)c;
-    return -1;
 }
 
 struct ls_calibrate_region ls_calibrate_around(const struct ls_calibrate_take *take,
@@ -273,12 +256,12 @@ enum { NAMES_PER_REQUEST = 256 };
 
 struct fetch {
     const struct ls_calibrate_take *take;
-    const struct ls_calibrate_picture *const *pictures; /* of this request */
+    const struct ls_lit_picture *const *pictures; /* of this request */
     uint32_t n;
     struct ls_calibrate_region region;
     float *e;
     uint8_t *validity;
-    ls_calibrate_use *use;
+    ls_lit_use *use;
     void *user;
 };
 
@@ -356,8 +339,8 @@ static enum ls_err receive(const struct fetch *f, uint32_t request)
 }
 
 enum ls_err ls_calibrate_fetch(const struct ls_calibrate_take *take,
-                               const struct ls_calibrate_picture *const *pictures, uint32_t n,
-                               struct ls_calibrate_region region, ls_calibrate_use *use, void *user)
+                               const struct ls_lit_picture *const *pictures, uint32_t n,
+                               struct ls_calibrate_region region, ls_lit_use *use, void *user)
 {
     size_t px = (size_t)take->document->width * take->document->height;
     LS_CLEANUP_FREE float *e = calloc(px, sizeof *e);

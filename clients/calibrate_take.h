@@ -8,21 +8,11 @@
 #include "clients/command.h"
 #include "clients/take_document.h"
 #include "core/field.h"
+#include "core/grey_sphere.h"
 #include "core/pinhole.h"
-#include "core/sphere_outline.h"
 
 #include <stdbool.h>
 #include <stdint.h>
-
-/** A lit picture of the plan. */
-struct ls_calibrate_picture {
-    char id[64];
-    uint32_t channel; /* of the document */
-    int32_t light;    /* of a single light, else -1 */
-    char pattern[24]; /* of several lights, else "" */
-    double duty;      /* nominal */
-    float *weights;   /* [n_lights] of several: level over the nominal level; else NULL */
-};
 
 struct ls_calibrate_take {
     struct ls_command_context *context;
@@ -35,8 +25,8 @@ struct ls_calibrate_take {
     double black_dn, full_scale_dn, electrons_per_dn, read_noise_dn, exposure_offset_us, range_low;
     struct ls_field_noise noise; /* of a dim pixel in full scale / s */
     uint32_t n_pictures;
-    struct ls_calibrate_picture *pictures;
-    size_t weights_bytes; /* of all pictures */
+    struct ls_lit_picture *pictures; /* the lit ones of the plan */
+    size_t weights_bytes;            /* of all pictures */
 };
 
 /** Ask the daemon for a take. Errors: those of the daemon (LS_ERR_REFUSED), LS_ERR_INVALID naming
@@ -54,18 +44,12 @@ LS_MUST_CHECK enum ls_err ls_calibrate_take_parse(struct ls_command_context *con
 void ls_calibrate_take_close(struct ls_calibrate_take *take);
 
 /** The picture of one light of a channel (@light >= 0) or of a pattern, or NULL. */
-const struct ls_calibrate_picture *ls_calibrate_find(const struct ls_calibrate_take *take,
-                                                     uint32_t channel, int32_t light,
-                                                     const char *pattern);
+const struct ls_lit_picture *ls_calibrate_find(const struct ls_calibrate_take *take,
+                                               uint32_t channel, int32_t light,
+                                               const char *pattern);
 
 /** Index of a channel by name, or -1. */
 int ls_calibrate_channel(const struct ls_calibrate_take *take, const char *name);
-
-/** Does the plan have the picture of every light of a channel? */
-bool ls_calibrate_has_all(const struct ls_calibrate_take *take, uint32_t channel);
-
-/** The first channel of kind spectrum, or -1. */
-int ls_calibrate_white(const struct ls_calibrate_take *take);
 
 /** A rectangle of pixels; width 0 = the whole picture. */
 struct ls_calibrate_region {
@@ -76,17 +60,11 @@ struct ls_calibrate_region {
 struct ls_calibrate_region ls_calibrate_around(const struct ls_calibrate_take *take,
                                                const struct ls_outline *outline);
 
-/**
- * One picture: @e [height][width] of the whole camera, full scale / s, ungained, NaN outside the
- * region asked for; @validity: enum ls_validity, OK or SATURATED. Valid during the call.
- */
-typedef enum ls_err ls_calibrate_use(void *user, const struct ls_calibrate_picture *picture,
-                                     const float *e, const uint8_t *validity, struct ls_diag *diag);
-
-/** Fetch pictures in the order given and hand each to @use; its error ends it. */
+/** Fetch pictures in the order given and hand each to @use; its error ends it. Validity: OK or
+ * SATURATED. */
 LS_MUST_CHECK enum ls_err ls_calibrate_fetch(const struct ls_calibrate_take *take,
-                                             const struct ls_calibrate_picture *const *pictures,
+                                             const struct ls_lit_picture *const *pictures,
                                              uint32_t n, struct ls_calibrate_region region,
-                                             ls_calibrate_use *use, void *user);
+                                             ls_lit_use *use, void *user);
 
 #endif

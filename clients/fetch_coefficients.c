@@ -18,7 +18,7 @@ struct coefficient {
     char name[24];
     enum ls_basis_form form;
     double peak;
-    const struct ls_calibrate_picture *shown, *other; /* other NULL: dark */
+    const struct ls_lit_picture *shown, *other; /* other NULL: dark */
 };
 
 struct work {
@@ -27,7 +27,7 @@ struct work {
     struct ls_calibrate_take *take;
     uint32_t channel;
     struct ls_demosaic_region region, needs; /* wanted, and what it is made of */
-    const struct ls_calibrate_picture *shown_picture;
+    const struct ls_lit_picture *shown_picture;
     float *shown, *other, *out; /* [needs.height][needs.width] */
     json_t *frames;
 };
@@ -40,7 +40,7 @@ static struct ls_diag *diag_of(const struct work *w)
 /* ---- pictures ---- */
 
 /* What E in full scale / s is multiplied by to be a sum of the lights' R. */
-static enum ls_err find_unit(const struct work *w, const struct ls_calibrate_picture *picture,
+static enum ls_err find_unit(const struct work *w, const struct ls_lit_picture *picture,
                              double *unit, struct ls_diag *diag)
 {
     const struct ls_take_document *d = w->take->document;
@@ -62,7 +62,7 @@ static enum ls_err find_unit(const struct work *w, const struct ls_calibrate_pic
                    picture->id, why.text);
 }
 
-static enum ls_err keep(void *user, const struct ls_calibrate_picture *picture, const float *e,
+static enum ls_err keep(void *user, const struct ls_lit_picture *picture, const float *e,
                         const uint8_t *validity, struct ls_diag *diag)
 {
     struct work *w = user;
@@ -77,7 +77,7 @@ static enum ls_err keep(void *user, const struct ls_calibrate_picture *picture, 
     return err;
 }
 
-static enum ls_err fetch(struct work *w, const struct ls_calibrate_picture *picture)
+static enum ls_err fetch(struct work *w, const struct ls_lit_picture *picture)
 {
     const struct ls_calibrate_region region = {w->needs.x, w->needs.y, w->needs.width,
                                                w->needs.height};
@@ -162,8 +162,7 @@ static enum ls_err make(struct work *w, const struct coefficient *c)
 
 /* ---- which ---- */
 
-static const struct ls_calibrate_picture *find(const struct work *w, unsigned index,
-                                               const char *half)
+static const struct ls_lit_picture *find(const struct work *w, unsigned index, const char *half)
 {
     char pattern[24];
     snprintf(pattern, sizeof pattern, "harmonic-%02u%s", index, half);

@@ -47,8 +47,9 @@ struct ls_shading {
                           n-fold so that that of their mean is right */
     double offset[2];  /* tangent coordinates */
     double information[3]; /* inverse covariance of offset: aa, ab, bb, per rad^2 */
-    /* of the sphere's centre in metres: sums over pictures solve ls_centre_step */
-    double centre_score[3], centre_information[6]; /* xx xy xz yy yz zz */
+    /* of the light's tangent coordinates a b, rad, and the sphere's centre x y z, m: what
+     * ls_centre_step adds up; information: aa ab ax ay az bb bx by bz xx xy xz yy yz zz */
+    double place_score[5], place_information[15];
 };
 
 /**
@@ -87,14 +88,18 @@ LS_MUST_CHECK enum ls_err ls_shading_settle(struct ls_shading *fits, uint32_t n,
                                             struct ls_shading_settled *out, struct ls_diag *diag);
 
 /**
- * Where the sphere really stands, seen from the shading under @n lights of known positions: the
- * Gauss-Newton step that explains their residuals best. Move the sphere by @step_m, make the view
- * anew and fit again, until a step is within its error: each leaves a tenth or so of the way, and
- * an outline's centre may be 3 mm off along the view. @sigma_m: of each coordinate.
- * LS_ERR_INVALID: fewer than three lights determine it.
+ * Where the sphere really stands, seen from the shading under @n lights that stand within
+ * @spread_deg (per coordinate, rms; 0 = exactly) of where they should: the Gauss-Newton step that
+ * explains their residuals best, each light turned by what suits it and that spread. A hundred
+ * lights half a degree off, believed exact, would move the centre by a tenth of a millimetre, and
+ * lights at the side by 0.2 % of their gain. Move the sphere by @step_m, make the view anew and fit
+ * again, until a step is within its error: each leaves a tenth or so of the way, and an outline's
+ * centre may be 3 mm off along the view. @sigma_m: of each coordinate. LS_ERR_INVALID: fewer than
+ * three lights determine it.
  */
 LS_MUST_CHECK enum ls_err ls_centre_step(const struct ls_shading *fits, uint32_t n,
-                                         double step_m[3], double sigma_m[3], struct ls_diag *diag);
+                                         double spread_deg, double step_m[3], double sigma_m[3],
+                                         struct ls_diag *diag);
 
 /**
  * One light's direction from what @n cameras say: offsets weighted by their information.

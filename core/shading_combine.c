@@ -15,17 +15,31 @@ void ls_tangents(const double direction[3], double e1[3], double e2[3])
     ls_cross3(direction, e1, e2);
 }
 
-enum ls_err ls_centre_step(const struct ls_shading *fits, uint32_t n, double step[3],
-                           double sigma[3], struct ls_diag *diag)
+/* What a light says of the centre, its own two coordinates eliminated; they are known to be 0
+ * within @spread2. */
+static void add_centre(const struct ls_shading *s, double spread2, double score[3], double m[6])
 {
-    double score[3] = {0}, m[6] = {0}, column[3];
+    const double *i = s->place_information, *at = i + 9;
+    double aa = i[0] * spread2 + 1, ab = i[1] * spread2, bb = i[5] * spread2 + 1;
+    double det = aa * bb - ab * ab;
+    for (int r = 0; r < 3; r++) {
+        /* row r of the cross information times the inverse of that of the coordinates */
+        double a = spread2 * (i[2 + r] * bb - i[6 + r] * ab) / det;
+        double b = spread2 * (i[6 + r] * aa - i[2 + r] * ab) / det;
+        score[r] += s->place_score[2 + r] - a * s->place_score[0] - b * s->place_score[1];
+        for (int c = r; c < 3; c++)
+            *m++ += *at++ - a * i[2 + c] - b * i[6 + c];
+    }
+}
+
+enum ls_err ls_centre_step(const struct ls_shading *fits, uint32_t n, double spread_deg,
+                           double step[3], double sigma[3], struct ls_diag *diag)
+{
+    double score[3] = {0}, m[6] = {0}, column[3], spread = spread_deg * M_PI / 180;
     uint32_t lights = 0;
     for (uint32_t i = 0; i < n; i++) {
-        lights += fits[i].centre_information[0] > 0;
-        for (int k = 0; k < 3; k++)
-            score[k] += fits[i].centre_score[k];
-        for (int k = 0; k < 6; k++)
-            m[k] += fits[i].centre_information[k];
+        lights += fits[i].place_information[9] > 0;
+        add_centre(&fits[i], spread * spread, score, m);
     }
     if (lights < 3 || ls_solve3(m, score, step))
         return ls_fail(diag, LS_ERR_INVALID,

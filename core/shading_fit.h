@@ -40,7 +40,7 @@ struct ls_shading_work {
 /** Strength and sigma of one colour about the samples' m; sets their weights. */
 void ls_shading_strength(struct ls_shading_work *work, int colour, struct ls_shading *out);
 
-/** tilt, centre_score and centre_information about the believed place, then the direction and the
+/** tilt, place_score and place_information about the believed place, then the direction and the
  * free strengths (which moves the samples' m and weights). */
 void ls_shading_place(struct ls_shading_work *work, struct ls_shading *out);
 

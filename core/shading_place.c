@@ -20,11 +20,11 @@ static struct ls_lamp turned(const struct ls_lamp *nominal, const double e1[3], 
     return ls_lamp_at(d);
 }
 
-enum { MOST_PARAMETERS = 3 };
+enum { MOST_PARAMETERS = 5 };
 
 /* Sums of one colour over samples: m and its derivatives among each other and with E. */
 struct sums {
-    double mm, me, md[MOST_PARAMETERS], de[MOST_PARAMETERS], dd[6];
+    double mm, me, md[MOST_PARAMETERS], de[MOST_PARAMETERS], dd[15];
 };
 
 static void add_sample(struct sums *s, double w, double e, double m, const double *d, int n)
@@ -208,27 +208,33 @@ static void fit_direction(struct ls_shading_work *f, struct ls_shading *out)
     free_strength(f, e1, e2, at, &there, out);
 }
 
-static void fill_centre(const struct ls_shading_work *f, struct ls_shading *out)
+static void fill_place(const struct ls_shading_work *f, struct ls_shading *out)
 {
     struct sums sums[3] = {{0}};
+    double e1[3], e2[3];
+    ls_tangents(f->lamp.axis, e1, e2);
+    const struct ls_lamp a = turned(&f->lamp, e1, e2, delta, 0);
+    const struct ls_lamp b = turned(&f->lamp, e1, e2, 0, delta);
     for (uint32_t k = 0; k < f->n; k++) {
         const struct ls_shading_sample *s = &f->sample[k];
         const struct ls_sphere_pixel *p = s->pixel;
-        double d[3];
+        double d[5];
         if (!(s->w > 0) || !(out->sigma[p->colour] > 0))
             continue;
+        d[0] = (ls_lamp_model(&a, p->x, p->n) - s->m) / delta;
+        d[1] = (ls_lamp_model(&b, p->x, p->n) - s->m) / delta;
         for (int axis = 0; axis < 3; axis++)
-            d[axis] = (ls_lamp_model(&f->lamp, p->shifted[axis], p->shifted[axis] + 3) - s->m) /
-                      f->view->shift_m;
-        add_sample(&sums[p->colour], absolute_weight(f, s), s->e, s->m, d, 3);
+            d[2 + axis] = (ls_lamp_model(&f->lamp, p->shifted[axis], p->shifted[axis] + 3) - s->m) /
+                          f->view->shift_m;
+        add_sample(&sums[p->colour], absolute_weight(f, s), s->e, s->m, d, 5);
     }
     for (int c = 0; c < 3; c++)
-        eliminate(&sums[c], 3, out->centre_score, out->centre_information);
+        eliminate(&sums[c], 5, out->place_score, out->place_information);
 }
 
 void ls_shading_place(struct ls_shading_work *f, struct ls_shading *out)
 {
     fill_tilt(f, out);
-    fill_centre(f, out);
+    fill_place(f, out);
     fit_direction(f, out);
 }

@@ -7,130 +7,76 @@
 #include <math.h>
 #include <string.h>
 
-static void look(struct grey_bench *b, uint32_t camera, const struct ls_sphere *sphere)
+/* Pictures in the order of the rig's conditions. */
+static uint32_t pictures_of(const struct grey_rig *rig)
 {
-    struct ls_diag diag = {{0}};
-    ls_sphere_view_destroy(b->view[camera]);
-    enum ls_err err = ls_sphere_view_create(
-        &b->rig->camera[camera], strcmp(b->rig->options.cfa, "mono") ? LS_CFA_RGGB : LS_CFA_NONE,
-        sphere, NULL, 0, &b->view[camera], &diag);
-    g_assert_cmpstr(diag.text, ==, "");
-    g_assert_cmpint(err, ==, LS_OK);
-}
-
-void grey_bench_fit(struct grey_bench *b, uint32_t camera, uint32_t channel, uint32_t light,
-                    const double position[3], struct ls_shading *out)
-{
-    struct ls_diag diag = {{0}};
-    grey_rig_picture(b->rig, camera, grey_rig_light(b->rig, channel, light), b->e, b->validity);
-    for (uint32_t p = 0; b->tint && p < b->rig->n_pixels; p++) {
-        uint32_t x = p % b->rig->options.size_px, y = p / b->rig->options.size_px;
-        b->e[p] *= (float)b->tint[light][ls_cfa_channel(LS_CFA_RGGB, x, y)];
-    }
-    enum ls_err err = ls_shading_fit(b->view[camera], position, b->e, b->validity, out, &diag);
-    g_assert_cmpstr(diag.text, ==, "");
-    g_assert_cmpint(err, ==, LS_OK);
-}
-
-/* Move the sphere to where the shading under every fifth light says it is. */
-static void refine(struct grey_bench *b, uint32_t camera, struct ls_sphere *sphere)
-{
-    uint32_t n = b->rig->n_lights;
-    struct ls_shading *fits = g_new0(struct ls_shading, n);
-    for (uint32_t i = 0; i < n; i += 5) {
-        double position[3];
-        grey_rig_position(b->rig, i, position);
-        grey_bench_fit(b, camera, 0, i, position, &fits[i]);
-    }
-    double step[3], sigma[3];
-    g_assert_cmpint(ls_centre_step(fits, n, step, sigma, NULL), ==, LS_OK);
-    for (int k = 0; k < 3; k++)
-        sphere->centre_m[k] += step[k];
-    g_test_message("shading: off by %.3f %.3f %.3f mm (sigma %.3f %.3f %.3f)",
-                   sphere->centre_m[0] * 1e3, sphere->centre_m[1] * 1e3, sphere->centre_m[2] * 1e3,
-                   sigma[0] * 1e3, sigma[1] * 1e3, sigma[2] * 1e3);
-    look(b, camera, sphere);
-    g_free(fits);
-}
-
-/* From a guess two centimetres off to the place the shading says. */
-static void find_sphere(struct grey_bench *b, uint32_t camera)
-{
-    struct ls_diag diag = {{0}};
-    struct ls_sphere guess = b->rig->sphere, found;
-    struct ls_outline outline;
-    guess.centre_m[0] += 0.015;
-    guess.centre_m[1] -= 0.012;
-    grey_rig_picture(b->rig, camera, grey_rig_full(b->rig, 0), b->e, b->validity);
-    enum ls_err err =
-        ls_sphere_locate(&b->rig->camera[camera], b->e, &guess, &found, &outline, &diag);
-    g_assert_cmpstr(diag.text, ==, "");
-    g_assert_cmpint(err, ==, LS_OK);
-    g_test_message("camera %u: outline off by %.2f %.2f %.2f mm, rms %.2f px of %u points", camera,
-                   found.centre_m[0] * 1e3, found.centre_m[1] * 1e3, found.centre_m[2] * 1e3,
-                   outline.rms_px, outline.n_used);
-    look(b, camera, &found);
-    for (int round = 0; round < 2; round++)
-        refine(b, camera, &found);
+    return rig->n_channels * (rig->n_lights + 1 + GREY_GROUPS);
 }
 
 struct grey_bench *grey_bench_new(const struct grey_rig_options *options)
 {
-    return grey_bench_new_with(options, 0.011, 14, 0.1);
-}
-
-struct grey_bench *grey_bench_new_with(const struct grey_rig_options *options, double sphere_duty,
-                                       uint32_t n_groups, double group_duty)
-{
     struct grey_bench *b = g_new0(struct grey_bench, 1);
-    b->rig = grey_rig_create(options, sphere_duty, n_groups, group_duty);
-    b->e = g_new(float, b->rig->n_pixels);
-    b->validity = g_new(uint8_t, b->rig->n_pixels);
-    for (uint32_t k = 0; k < options->n_cameras; k++)
-        find_sphere(b, k);
+    b->rig = grey_rig_create(options, grey_sphere_duty, GREY_GROUPS, grey_group_duty);
+    b->n_pictures = pictures_of(b->rig);
+    b->photographs = g_malloc0_n((gsize)b->n_pictures * options->n_cameras, sizeof *b->photographs);
     return b;
 }
 
 void grey_bench_free(struct grey_bench *b)
 {
-    for (uint32_t k = 0; k < SIM_MAX_CAMERAS; k++)
-        ls_sphere_view_destroy(b->view[k]);
-    g_free(b->e);
-    g_free(b->validity);
+    for (uint32_t k = 0; k < b->n_pictures * b->rig->options.n_cameras; k++) {
+        g_free(b->photographs[k].e);
+        g_free(b->photographs[k].validity);
+    }
+    g_free(b->photographs);
     grey_rig_destroy(b->rig);
     g_free(b);
 }
 
-static void measured_init(struct grey_measured *m, const struct grey_bench *b)
+static enum ls_cfa cfa_of(const struct grey_bench *b)
 {
-    uint32_t n = b->rig->n_lights, cameras = b->rig->options.n_cameras;
-    *m = (struct grey_measured){.fits = g_new0(struct ls_shading, n * cameras),
-                                .strength = g_new0(double, n *cameras * 3),
-                                .sigma = g_new0(double, n *cameras * 3),
-                                .lit = g_new0(double, n *cameras),
-                                .one_sided = g_new0(uint8_t, n)};
-    m->gains.g = g_new0(double, n);
-    m->gains.k = g_new0(double, n);
-    m->gains.sigma_k = g_new0(double, n);
-    m->gains.colour = g_new0(double, n * 3);
-    m->gains.flags = g_new0(uint8_t, n);
+    return strcmp(b->rig->options.cfa, "mono") ? LS_CFA_RGGB : LS_CFA_NONE;
 }
 
-void grey_measured_finish(struct grey_measured *m)
+static void tint(const struct grey_bench *b, uint32_t light, float *e)
 {
-    g_free(m->fits);
-    g_free(m->strength);
-    g_free(m->sigma);
-    g_free(m->lit);
-    g_free(m->one_sided);
-    g_free(m->gains.g);
-    g_free(m->gains.k);
-    g_free(m->gains.sigma_k);
-    g_free(m->gains.colour);
-    g_free(m->gains.flags);
+    for (uint32_t p = 0; p < b->rig->n_pixels; p++) {
+        uint32_t x = p % b->rig->options.size_px, y = p / b->rig->options.size_px;
+        e[p] *= (float)b->tint[light][ls_cfa_channel(LS_CFA_RGGB, x, y)];
+    }
 }
 
-void grey_bench_believed(const struct grey_bench *b, uint32_t light, double position[3])
+struct reading {
+    struct grey_bench *bench;
+    const struct ls_lit_picture *first;
+};
+
+static enum ls_err read_pictures(void *user, uint32_t camera,
+                                 const struct ls_lit_picture *const *pictures, uint32_t n,
+                                 const struct ls_outline *around, ls_lit_use *use, void *use_user,
+                                 struct ls_diag *diag)
+{
+    const struct reading *r = user;
+    const struct grey_bench *b = r->bench;
+    enum ls_err err = LS_OK;
+    for (uint32_t k = 0; k < n && !err; k++) {
+        uint32_t condition = (uint32_t)(pictures[k] - r->first);
+        size_t at = (size_t)condition * b->rig->options.n_cameras + camera;
+        if (!b->photographs[at].e) {
+            b->photographs[at].e = g_new(float, b->rig->n_pixels);
+            b->photographs[at].validity = g_new(uint8_t, b->rig->n_pixels);
+            grey_rig_picture(b->rig, camera, condition, b->photographs[at].e,
+                             b->photographs[at].validity);
+            if (b->tint && pictures[k]->light >= 0)
+                tint(b, (uint32_t)pictures[k]->light, b->photographs[at].e);
+        }
+        err = use(use_user, pictures[k], b->photographs[at].e, b->photographs[at].validity, diag);
+    }
+    return err;
+}
+
+/* Where the rig file says a light is: turned by misplaced_deg in a direction of its own. */
+static void believed(const struct grey_bench *b, uint32_t light, float position[3])
 {
     double d[3], e1[3], e2[3], angle = light * 2.399963, turn = b->misplaced_deg * M_PI / 180;
     grey_rig_position(b->rig, light, d);
@@ -140,43 +86,104 @@ void grey_bench_believed(const struct grey_bench *b, uint32_t light, double posi
     ls_along3(d, e2, turn * sin(angle), d);
     ls_unit3(d);
     for (int k = 0; k < 3; k++)
-        position[k] = distance * d[k];
+        position[k] = (float)(distance * d[k]);
 }
 
-/* Arrays as ls_gains_solve takes them. */
-static void lay_out(const struct grey_bench *b, struct grey_measured *m)
+static struct ls_lit_picture *list_pictures(const struct grey_bench *b)
 {
-    uint32_t cameras = b->rig->options.n_cameras, colours = b->view[0]->n_colours;
-    for (uint32_t k = 0; k < b->rig->n_lights * cameras; k++) {
-        m->lit[k] = m->fits[k].lit;
-        for (uint32_t c = 0; c < colours; c++) {
-            m->strength[k * colours + c] = m->fits[k].strength[c];
-            m->sigma[k * colours + c] = m->fits[k].sigma[c];
+    const struct grey_rig *rig = b->rig;
+    struct ls_lit_picture *pictures = g_new0(struct ls_lit_picture, b->n_pictures);
+    for (uint32_t c = 0; c < rig->n_channels; c++) {
+        for (uint32_t i = 0; i < rig->n_lights; i++)
+            pictures[grey_rig_light(rig, c, i)] =
+                (struct ls_lit_picture){.channel = c, .light = (int32_t)i, .duty = 1};
+        for (uint32_t g = 0; g <= GREY_GROUPS; g++) {
+            bool full = g == GREY_GROUPS;
+            struct ls_lit_picture *p =
+                &pictures[full ? grey_rig_full(rig, c) : grey_rig_group(rig, c, g, GREY_GROUPS)];
+            *p = (struct ls_lit_picture){.channel = c,
+                                         .light = -1,
+                                         .duty = full ? grey_sphere_duty : grey_group_duty,
+                                         .weights = g_new0(float, rig->n_lights)};
+            g_strlcpy(p->pattern, full ? "sphere" : "segments-14", sizeof p->pattern);
+            for (uint32_t i = 0; i < rig->n_lights; i++)
+                p->weights[i] = full || i % GREY_GROUPS == g;
         }
     }
+    return pictures;
 }
 
-void grey_measure(struct grey_bench *b, uint32_t channel, struct grey_measured *m)
+/* The sphere is looked for from two centimetres beside it. */
+static void describe(const struct grey_bench *b, struct ls_grey_rig *out)
 {
-    struct ls_diag diag = {{0}};
-    struct ls_shading_settled settled;
-    uint32_t n = b->rig->n_lights, cameras = b->rig->options.n_cameras;
-    uint32_t colours = b->view[0]->n_colours;
-    measured_init(m, b);
-    for (uint32_t i = 0; i < n; i++) {
-        double position[3];
-        grey_bench_believed(b, i, position);
-        for (uint32_t k = 0; k < cameras; k++)
-            grey_bench_fit(b, k, channel, i, position, &m->fits[i * cameras + k]);
-        m->one_sided[i] =
-            ls_gains_one_sided(position, (const double(*)[3])b->rig->camera_m, cameras);
+    const struct grey_rig *rig = b->rig;
+    *out = (struct ls_grey_rig){.n_lights = rig->n_lights,
+                                .n_channels = rig->n_channels,
+                                .n_cameras = rig->options.n_cameras,
+                                .n_pictures = b->n_pictures,
+                                .nominal = rig->sphere,
+                                .reflectance = grey_reflectance};
+    out->nominal.centre_m[0] += 0.015;
+    out->nominal.centre_m[1] -= 0.012;
+    for (uint32_t c = 0; c < rig->n_channels; c++) {
+        const struct sim_channel_config *channel = &sim_scene_config(rig->scene)->channels[c];
+        out->channels[c].name = channel->name;
+        out->channels[c].spectrum = !strchr("VH", channel->name[0]);
     }
-    g_assert_cmpint(ls_shading_settle(m->fits, n * cameras, &settled, NULL), ==, LS_OK);
-    b->moved = settled.moved;
-    g_test_message("lights stand %.3f degrees off, chi2 %.2f", settled.spread_deg, settled.chi2);
-    lay_out(b, m);
-    struct ls_gains_input in = {n, cameras, colours, m->strength, m->sigma, m->lit, m->one_sided};
-    enum ls_err err = ls_gains_solve(&in, &m->gains, &diag);
+    for (uint32_t k = 0; k < rig->options.n_cameras; k++) {
+        out->cameras[k].pinhole = rig->camera[k];
+        out->cameras[k].cfa = cfa_of(b);
+    }
+}
+
+struct ls_grey *grey_bench_measure(struct grey_bench *b)
+{
+    struct ls_grey_rig rig;
+    struct ls_grey *grey = NULL;
+    struct ls_diag diag = {{0}};
+    float(*position)[3] = g_malloc0_n(b->rig->n_lights, sizeof *position);
+    struct ls_lit_picture *pictures = list_pictures(b);
+    struct reading reading = {b, pictures};
+    const struct ls_grey_source source = {read_pictures, &reading};
+    describe(b, &rig);
+    for (uint32_t i = 0; i < b->rig->n_lights; i++)
+        believed(b, i, position[i]);
+    rig.position_m = (const float(*)[3])position;
+    rig.pictures = pictures;
+    enum ls_err err = ls_grey_measure(&rig, &source, &grey, &diag);
     g_assert_cmpstr(diag.text, ==, "");
     g_assert_cmpint(err, ==, LS_OK);
+    for (uint32_t k = 0; k < grey->n_cameras; k++) {
+        const double *at = grey->cameras[k].sphere.centre_m;
+        g_test_message("camera %u: sphere off by %.3f %.3f %.3f mm", k, 1e3 * at[0], 1e3 * at[1],
+                       1e3 * at[2]);
+    }
+    g_test_message("lights stand %.3f degrees off, chi2 %.2f", grey->settled.spread_deg,
+                   grey->settled.chi2);
+    for (uint32_t k = 0; k < b->n_pictures; k++)
+        g_free(pictures[k].weights);
+    g_free(pictures);
+    g_free(position);
+    return grey;
+}
+
+static double factor(const struct grey_bench *b, uint32_t channel, uint32_t lit, double duty)
+{
+    return sim_scene_droop(b->rig->scene, channel, lit) * duty /
+           sim_scene_quantise(b->rig->scene, duty);
+}
+
+double grey_bench_sphere_factor(const struct grey_bench *b, uint32_t channel)
+{
+    return factor(b, channel, b->rig->n_lights, grey_sphere_duty);
+}
+
+double grey_bench_group_factor(const struct grey_bench *b, uint32_t channel)
+{
+    double sum = 0;
+    for (uint32_t g = 0; g < GREY_GROUPS; g++)
+        sum += factor(b, channel,
+                      b->rig->n_lights / GREY_GROUPS + (g < b->rig->n_lights % GREY_GROUPS),
+                      grey_group_duty);
+    return sum / GREY_GROUPS;
 }

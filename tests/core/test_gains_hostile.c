@@ -180,7 +180,7 @@ static void test_nothing_there(void)
     g_assert_cmpint(ls_shading_fit(v, behind, e, NULL, &s, NULL), ==, LS_OK);
     g_assert_cmpfloat(s.sigma[0], ==, 0); /* the camera sees none of its side */
     double step[3], sigma[3];
-    g_assert_cmpint(ls_centre_step(&s, 1, step, sigma, &diag), ==, LS_ERR_INVALID);
+    g_assert_cmpint(ls_centre_step(&s, 1, 0, step, sigma, &diag), ==, LS_ERR_INVALID);
     g_assert_nonnull(strstr(diag.text, "not determined"));
     ls_sphere_view_destroy(v);
     g_free(e);
