@@ -384,3 +384,18 @@ enum ls_err ls_dome_blank(struct ls_dome *dome, struct ls_diag *diag)
     dome->ours = dome->ours && err;
     return err;
 }
+
+enum ls_err ls_dome_set_work(struct ls_dome *dome, uint16_t channel, uint16_t level,
+                             struct ls_diag *diag)
+{
+    const uint16_t regs[2] = {channel, level};
+    enum ls_err err = write_again(dome, LS_WIRE_CONTROL + LS_WIRE_CT_WORK, 2, regs, diag);
+    return explain(dome, err, "setting the work light", diag);
+}
+
+enum ls_err ls_dome_work(struct ls_dome *dome, struct ls_diag *diag)
+{
+    uint16_t reg = LS_WIRE_WORK;
+    enum ls_err err = write_again(dome, LS_WIRE_CONTROL + LS_WIRE_CT_COMMAND, 1, &reg, diag);
+    return explain(dome, err, "switching on the work light", diag);
+}

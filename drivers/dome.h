@@ -25,6 +25,9 @@ LS_MUST_CHECK enum ls_err ls_dome_poll(struct ls_dome *dome, struct ls_lights_st
                                        struct ls_step_event *events, size_t max_events,
                                        size_t *n_events, struct ls_diag *diag);
 LS_MUST_CHECK enum ls_err ls_dome_blank(struct ls_dome *dome, struct ls_diag *diag);
+LS_MUST_CHECK enum ls_err ls_dome_set_work(struct ls_dome *dome, uint16_t channel, uint16_t level,
+                                           struct ls_diag *diag);
+LS_MUST_CHECK enum ls_err ls_dome_work(struct ls_dome *dome, struct ls_diag *diag);
 void ls_dome_close(struct ls_dome *dome);
 
 #endif

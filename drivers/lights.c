@@ -84,6 +84,18 @@ enum ls_err ls_lights_blank(struct ls_lights *lights, struct ls_diag *diag)
     return ls_dome_blank(lights->dome, diag);
 }
 
+enum ls_err ls_lights_set_work(struct ls_lights *lights, uint16_t channel, uint16_t level,
+                               struct ls_diag *diag)
+{
+    enum ls_err err = ls_lights_test_work(ls_dome_info(lights->dome), channel, level, diag);
+    return err ? err : ls_dome_set_work(lights->dome, channel, level, diag);
+}
+
+enum ls_err ls_lights_work(struct ls_lights *lights, struct ls_diag *diag)
+{
+    return ls_dome_work(lights->dome, diag);
+}
+
 void ls_lights_close(struct ls_lights *lights)
 {
     if (!lights)

@@ -10,14 +10,19 @@
  * Time. Step i starts no earlier than s(i) = s(i-1) + max(period, pulse(i-1) + settle(i)), s(0)
  * one settle after arm, and no earlier than its grant. Duty is judged along this shortest
  * schedule: for every step j, no LED may gather more than max_duty_permille x 1 ms of on-time
- * (pulse x level / 65535) over the steps that start within (s(j) - 1 s, s(j)].
+ * (pulse x level / 65535) over the steps that start within (s(j) - 1 s, s(j)], and all LEDs
+ * together no more energy than max_power_mw x 1 s, one of full level taking led_power_mw.
  *
  * Hold. A held step lights at its start and counts as fired, status.holding is set, and it stays
  * lit until the next grant or max_hold_us, and at least for its pulse. To release the last step
  * granted, grant the same number again: a driver sends that as a release, since a grant that it
  * repeats after a lost reply must not put out the step just lit. Its event comes with the release
- * and carries the real width. The controller follows it with as much dark as the duty limit asks of
- * that width.
+ * and carries the real width. The controller follows it with as much dark as the limits of duty and
+ * power ask of that width.
+ *
+ * Work light. One channel of every light at a low level, steadily, which the host names. It is on
+ * when the host asks for it while nothing is armed, and comes on by itself when an armed controller
+ * misses its host. arm and blank put it out, and every fault but a missed heartbeat.
  *
  * A lost link. grant and poll reconnect once, check that it is the same controller, since the same
  * power-up and arm, and repeat the request, which does no harm: a mute controller blocks them for
@@ -94,6 +99,10 @@ struct ls_lights_info {
     uint32_t max_conditions, max_steps, max_program_bytes;
     uint32_t max_hold_us;
     uint32_t heartbeat_ms; /* silence after which the controller blanks */
+    uint32_t max_power_mw; /* of the whole dome, mean over a second */
+    uint32_t led_power_mw; /* of one LED group at full level */
+    uint32_t hot_c;        /* from here on the host should let it cool */
+    uint32_t max_c;        /* here it goes dark and latches */
 };
 
 enum ls_event_flags {
@@ -125,13 +134,16 @@ enum ls_lights_fault {
     LS_FAULT_OVERDUTY = 1 << 4,
     LS_FAULT_HEARTBEAT = 1 << 5,
     LS_FAULT_PROGRAM = 1 << 6, /* program memory is inconsistent */
+    LS_FAULT_OVERPOWER = 1 << 7,
 };
 
 struct ls_lights_status {
     enum ls_lights_state state;
-    uint32_t faults; /* enum ls_lights_fault */
-    bool holding;    /* step fired - 1 is lit and held */
-    uint32_t fired;  /* steps started since arm */
+    uint32_t faults;                         /* enum ls_lights_fault */
+    bool holding;                            /* step fired - 1 is lit and held */
+    bool work_light;                         /* it is on */
+    bool interlock_open, estop_pressed, hot; /* at this moment, latched or not */
+    uint32_t fired;                          /* steps started since arm */
     uint32_t granted;
     uint32_t missed_triggers; /* pulses requested earlier than the period allows */
     uint32_t events_lost;     /* overwritten before they were read: a protocol failure */
@@ -170,7 +182,8 @@ const struct ls_lights_info *ls_lights_info(const struct ls_lights *lights);
 
 /**
  * Would the controller accept this program? Pure: talks to nobody. Names the limit and by how much
- * it is exceeded. Errors: LS_ERR_INVALID, LS_ERR_LIMIT (duty, current, period, pulse, memory).
+ * it is exceeded. Errors: LS_ERR_INVALID, LS_ERR_LIMIT (duty, current, power, period, pulse,
+ * memory).
  */
 LS_MUST_CHECK enum ls_err ls_lights_test(const struct ls_lights_info *info,
                                          const struct ls_program *program, struct ls_diag *diag);
@@ -201,8 +214,22 @@ LS_MUST_CHECK enum ls_err ls_lights_poll(struct ls_lights *lights, struct ls_lig
                                          struct ls_step_event *events, size_t max_events,
                                          size_t *n_events, struct ls_diag *diag);
 
-/** All LEDs off, program stopped. Always allowed, idempotent. */
+/** All LEDs off, the work light too, program stopped. Always allowed, idempotent. */
 LS_MUST_CHECK enum ls_err ls_lights_blank(struct ls_lights *lights, struct ls_diag *diag);
+
+/** Would the controller accept this work light? As ls_lights_test. @level 0: none. */
+LS_MUST_CHECK enum ls_err ls_lights_test_work(const struct ls_lights_info *info, uint16_t channel,
+                                              uint16_t level, struct ls_diag *diag);
+
+/** Name the work light; the controller keeps it until it is switched off. One that is on changes
+ * with it. Errors as ls_lights_test_work, LS_ERR_REFUSED (the controller's own check),
+ * LS_ERR_TIMEOUT, LS_ERR_GONE. */
+LS_MUST_CHECK enum ls_err ls_lights_set_work(struct ls_lights *lights, uint16_t channel,
+                                             uint16_t level, struct ls_diag *diag);
+
+/** Show it; with level 0 stay dark. LS_ERR_REFUSED while armed, hot beyond the limit, or with
+ * interlock or E-stop latched; LS_ERR_TIMEOUT, LS_ERR_GONE. */
+LS_MUST_CHECK enum ls_err ls_lights_work(struct ls_lights *lights, struct ls_diag *diag);
 
 /** Blank if still connected and armed from here, disconnect, free: who only looked leaves another
  * host's program alone. NULL is allowed. */

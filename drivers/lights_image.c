@@ -119,6 +119,10 @@ static void decode_limits(const uint16_t *regs, struct ls_lights_info *info)
     info->max_program_bytes = ls_wire_get32(regs + LS_WIRE_LIM_PROGRAM_BYTES);
     info->max_hold_us = ls_wire_get32(regs + LS_WIRE_LIM_HOLD_US);
     info->heartbeat_ms = ls_wire_get32(regs + LS_WIRE_LIM_HEARTBEAT_MS);
+    info->max_power_mw = ls_wire_get32(regs + LS_WIRE_LIM_POWER_MW);
+    info->led_power_mw = ls_wire_get32(regs + LS_WIRE_LIM_LED_POWER_MW);
+    info->hot_c = ls_wire_get32(regs + LS_WIRE_LIM_HOT_C);
+    info->max_c = ls_wire_get32(regs + LS_WIRE_LIM_MAX_C);
 }
 
 enum ls_err ls_wire_decode_info(const uint16_t identity[LS_WIRE_IDENTITY_SIZE],
@@ -172,6 +176,10 @@ void ls_wire_decode_status(const uint16_t regs[LS_WIRE_STATUS_SIZE],
     status->state = decode_state(regs[LS_WIRE_ST_STATE]);
     status->faults = regs[LS_WIRE_ST_FAULTS];
     status->holding = regs[LS_WIRE_ST_FLAGS] & LS_WIRE_FLAG_HOLDING;
+    status->work_light = regs[LS_WIRE_ST_FLAGS] & LS_WIRE_FLAG_WORK;
+    status->interlock_open = regs[LS_WIRE_ST_FLAGS] & LS_WIRE_FLAG_INTERLOCK_OPEN;
+    status->estop_pressed = regs[LS_WIRE_ST_FLAGS] & LS_WIRE_FLAG_ESTOP_PRESSED;
+    status->hot = regs[LS_WIRE_ST_FLAGS] & LS_WIRE_FLAG_HOT;
     status->fired = ls_wire_get32(regs + LS_WIRE_ST_FIRED);
     status->granted = ls_wire_get32(regs + LS_WIRE_ST_GRANTED);
     status->missed_triggers = ls_wire_get32(regs + LS_WIRE_ST_MISSED);
@@ -199,7 +207,7 @@ static void fault_names(uint32_t faults, char *text, size_t size)
 {
     static const char *const names[] = {"interlock open", "E-stop pressed", "too hot",
                                         "over current",   "over duty",      "host was silent",
-                                        "bad program"};
+                                        "bad program",    "over power"};
     size_t at = 0;
     text[0] = '\0';
     for (unsigned i = 0; i < sizeof names / sizeof *names && at < size; i++)
@@ -225,6 +233,7 @@ enum ls_err ls_wire_refused(const uint16_t status[LS_WIRE_STATUS_SIZE], const ch
         [LS_WIRE_REFUSED_PERIOD] = "period too short",
         [LS_WIRE_REFUSED_DUTY] = "an LED is on for too long within a second at step",
         [LS_WIRE_REFUSED_UNPREPARED] = "it could not get ready for the program",
+        [LS_WIRE_REFUSED_POWER] = "the dome draws too much power within a second at step",
     };
     unsigned reason = status[LS_WIRE_ST_REFUSAL];
     uint32_t detail = ls_wire_get32(status + LS_WIRE_ST_DETAIL);

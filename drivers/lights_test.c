@@ -3,6 +3,7 @@
 #include "drivers/lights_image.h"
 
 #include <inttypes.h>
+#include <stdio.h>
 #include <stdlib.h>
 
 enum { FULL = 65535, MAX_TIME_US = 1u << 30, SECOND_US = 1000000 };
@@ -10,6 +11,7 @@ enum { FULL = 65535, MAX_TIME_US = 1u << 30, SECOND_US = 1000000 };
 /** On-time of every LED over the last second, in us x level. */
 struct window {
     uint64_t limit;
+    uint64_t total;   /* of all LEDs together */
     uint64_t *led;    /* [n_lights x n_channels] */
     uint64_t *sphere; /* [n_channels]: what full spheres add to each LED */
     uint32_t *seen;   /* [n_lights x n_channels]: last condition + 1 that names it */
@@ -79,27 +81,36 @@ static enum ls_err test_led(const struct ls_lights_info *info, const struct ls_c
     return LS_OK;
 }
 
+/** Sum over all LEDs that are lit. */
+static uint64_t levels_of(const struct ls_lights_info *info, const struct ls_condition *c)
+{
+    uint64_t levels = 0;
+    for (uint32_t k = 0; k < c->n_leds; k++)
+        levels += c->leds[k].level;
+    return c->kind == LS_CONDITION_SPHERE ? levels * info->n_lights : levels;
+}
+
+static enum ls_err test_current(const struct ls_lights_info *info, const char *what,
+                                uint64_t levels, struct ls_diag *diag)
+{
+    uint64_t ma = (levels * info->led_current_ma + FULL - 1) / FULL;
+    if (ma > info->max_current_ma)
+        return ls_fail(diag, LS_ERR_LIMIT,
+                       "%s: current %" PRIu64 " mA: %" PRIu64
+                       " mA over the controller's %u mA: dim it or light fewer LEDs",
+                       what, ma, ma - info->max_current_ma, info->max_current_ma);
+    return LS_OK;
+}
+
 static enum ls_err test_condition(const struct ls_lights_info *info, const struct ls_condition *c,
                                   uint32_t i, uint32_t *seen, struct ls_diag *diag)
 {
+    char what[24];
+    snprintf(what, sizeof what, "condition %u", i);
     enum ls_err err = test_count(info, c, i, diag);
-    uint64_t levels = 0;
-    for (uint32_t k = 0; !err && k < c->n_leds; k++) {
+    for (uint32_t k = 0; !err && k < c->n_leds; k++)
         err = test_led(info, c, i, k, seen, diag);
-        levels += c->leds[k].level;
-    }
-    if (err)
-        return err;
-    if (c->kind == LS_CONDITION_SPHERE)
-        levels *= info->n_lights;
-    uint64_t ma_full = levels * info->led_current_ma;
-    if (ma_full > (uint64_t)info->max_current_ma * FULL)
-        return ls_fail(diag, LS_ERR_LIMIT,
-                       "condition %u: current %" PRIu64 " mA: %" PRIu64
-                       " mA over the controller's %u mA: dim it or light fewer LEDs",
-                       i, (ma_full + FULL - 1) / FULL,
-                       (ma_full + FULL - 1) / FULL - info->max_current_ma, info->max_current_ma);
-    return LS_OK;
+    return err ? err : test_current(info, what, levels_of(info, c), diag);
 }
 
 static bool is_dimmed(const struct ls_condition *c)
@@ -161,6 +172,7 @@ static enum ls_err over_duty(const struct window *window, uint64_t on, uint32_t 
 static void window_add(struct window *window, const struct ls_lights_info *info,
                        const struct ls_condition *c, int64_t us)
 {
+    window->total += (uint64_t)us * levels_of(info, c);
     for (uint32_t k = 0; k < c->n_leds; k++) {
         const struct ls_led *led = &c->leds[k];
         uint64_t on = (uint64_t)(us * led->level);
@@ -169,6 +181,20 @@ static void window_add(struct window *window, const struct ls_lights_info *info,
         else
             window->led[led->light * info->n_channels + led->channel] += on;
     }
+}
+
+/** @what of @on, us x level over a second, of all LEDs together. */
+static enum ls_err test_power(const struct ls_lights_info *info, const char *what, uint64_t on,
+                              struct ls_diag *diag)
+{
+    double w = (double)on / FULL / SECOND_US * info->led_power_mw / 1e3;
+    double limit_w = info->max_power_mw / 1e3;
+    if (w > limit_w)
+        return ls_fail(diag, LS_ERR_LIMIT,
+                       "%s: the dome would draw %.2f W, mean over a second, %.2f W over the "
+                       "controller's %.2f W: dim it, lengthen the period or shorten the pulses",
+                       what, w, w - limit_w, limit_w);
+    return LS_OK;
 }
 
 static enum ls_err window_test(const struct window *window, const struct ls_lights_info *info,
@@ -183,7 +209,9 @@ static enum ls_err window_test(const struct window *window, const struct ls_ligh
         if (on > window->limit)
             return over_duty(window, on, step, light, led->channel, diag);
     }
-    return LS_OK;
+    char what[24];
+    snprintf(what, sizeof what, "step %u", step);
+    return test_power(info, what, window->total, diag);
 }
 
 static uint64_t next_start(const struct ls_program *program, uint32_t i, uint64_t start)
@@ -192,8 +220,9 @@ static uint64_t next_start(const struct ls_program *program, uint32_t i, uint64_
     return start + (dark > program->period_us ? dark : program->period_us);
 }
 
-static enum ls_err test_duty(const struct ls_lights_info *info, const struct ls_program *program,
-                             struct window *window, struct ls_diag *diag)
+static enum ls_err test_limits_over_time(const struct ls_lights_info *info,
+                                         const struct ls_program *program, struct window *window,
+                                         struct ls_diag *diag)
 {
     uint64_t start = SECOND_US, tail_start = SECOND_US;
     uint32_t tail = 0;
@@ -259,7 +288,7 @@ static enum ls_err test_all(const struct ls_lights_info *info, const struct ls_p
         err = test_memory(info, program, diag);
     for (uint32_t i = 0; !err && i < program->n_steps; i++)
         err = test_step(info, program, i, diag);
-    return err ? err : test_duty(info, program, window, diag);
+    return err ? err : test_limits_over_time(info, program, window, diag);
 }
 
 enum ls_err ls_lights_test(const struct ls_lights_info *info, const struct ls_program *program,
@@ -274,4 +303,21 @@ enum ls_err ls_lights_test(const struct ls_lights_info *info, const struct ls_pr
         err = test_all(info, program, &window, diag);
     window_finish(&window);
     return err;
+}
+
+enum ls_err ls_lights_test_work(const struct ls_lights_info *info, uint16_t channel, uint16_t level,
+                                struct ls_diag *diag)
+{
+    uint64_t levels = (uint64_t)level * info->n_lights;
+    uint64_t most = (uint64_t)info->max_duty_permille * FULL / 1000;
+    if (channel >= info->n_channels)
+        return ls_fail(diag, LS_ERR_INVALID, "work light: channel %u: expected 0..%u", channel,
+                       info->n_channels - 1);
+    if (level > most)
+        return ls_fail(diag, LS_ERR_LIMIT,
+                       "work light: level %u: %" PRIu64 " over %" PRIu64
+                       ", the controller's duty of %u permille",
+                       level, level - most, most, info->max_duty_permille);
+    enum ls_err err = test_current(info, "work light", levels, diag);
+    return err ? err : test_power(info, "work light", levels * SECOND_US, diag);
 }

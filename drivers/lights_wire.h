@@ -48,7 +48,11 @@ enum {
     LS_WIRE_LIM_PROGRAM_BYTES = 24,
     LS_WIRE_LIM_HOLD_US = 26,
     LS_WIRE_LIM_HEARTBEAT_MS = 28,
-    LS_WIRE_LIMITS_SIZE = 30,
+    LS_WIRE_LIM_POWER_MW = 30,     /* of the whole dome, mean over a second */
+    LS_WIRE_LIM_LED_POWER_MW = 32, /* of one LED group at full level */
+    LS_WIRE_LIM_HOT_C = 34,        /* from here on flagged as hot */
+    LS_WIRE_LIM_MAX_C = 36,        /* here over-temperature latches */
+    LS_WIRE_LIMITS_SIZE = 38,
 };
 
 /** Status block, read only; one read is one moment, the events behind it included. */
@@ -95,6 +99,7 @@ enum {
     LS_WIRE_CT_GRANT = 2,       /* 2: steps [0, value) since arm may fire; a larger value than
                                   before releases a held step, the same one does nothing */
     LS_WIRE_CT_ACK = 4,         /* 2: events with smaller sequence numbers have been read */
+    LS_WIRE_CT_WORK = 6,        /* 2: channel and level of the work light; level 0: none */
     LS_WIRE_CT_BYTES = 8,       /* 2: size of the program image */
     LS_WIRE_CT_CRC = 10,        /* 2: its CRC-32C as the host computed it */
     LS_WIRE_CT_CONDITIONS = 12, /* 2 */
@@ -119,10 +124,11 @@ enum {
 enum ls_wire_command {
     LS_WIRE_COMMIT = 1, /* check the image against CT_*, then get ready */
     LS_WIRE_ARM = 2,
-    LS_WIRE_BLANK = 3,        /* always accepted */
+    LS_WIRE_BLANK = 3,        /* always accepted; the work light goes out too */
     LS_WIRE_CLEAR_FAULTS = 4, /* refused while a cause persists */
     LS_WIRE_RELEASE = 5,      /* of a held step */
     LS_WIRE_ALIVE = 6,        /* sign of life, nothing else */
+    LS_WIRE_WORK = 7,         /* show the work light */
 };
 
 enum ls_wire_state {
@@ -143,15 +149,17 @@ enum ls_wire_fault {
     LS_WIRE_FAULT_OVERDUTY = 1 << 4,
     LS_WIRE_FAULT_HEARTBEAT = 1 << 5,
     LS_WIRE_FAULT_PROGRAM = 1 << 6,
+    LS_WIRE_FAULT_OVERPOWER = 1 << 7,
 };
 
 /** Flags of the status block: what is so at this moment. */
 enum ls_wire_flag {
-    LS_WIRE_FLAG_LIT = 1 << 0,
+    LS_WIRE_FLAG_LIT = 1 << 0,     /* by a step */
     LS_WIRE_FLAG_HOLDING = 1 << 1, /* step FIRED - 1 is lit and held */
     LS_WIRE_FLAG_INTERLOCK_OPEN = 1 << 2,
     LS_WIRE_FLAG_ESTOP_PRESSED = 1 << 3,
     LS_WIRE_FLAG_HOT = 1 << 4,
+    LS_WIRE_FLAG_WORK = 1 << 5, /* the work light is on */
 };
 
 enum ls_wire_refusal {
@@ -171,6 +179,7 @@ enum ls_wire_refusal {
     LS_WIRE_REFUSED_PERIOD = 13,
     LS_WIRE_REFUSED_DUTY = 14,       /* detail: step; latches OVERDUTY */
     LS_WIRE_REFUSED_UNPREPARED = 15, /* the preparation failed */
+    LS_WIRE_REFUSED_POWER = 16,      /* detail: step; latches OVERPOWER */
 };
 
 /** Program image: header, n_conditions condition records, n_steps step records. */

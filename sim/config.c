@@ -101,6 +101,8 @@ static const struct sim_key controller_keys[] = {
     {"max_duty_permille", SIM_KEY_U32, CONTROLLER(max_duty_permille, 1, 1000)},
     {"max_current_ma", SIM_KEY_U32, CONTROLLER(max_current_ma, 1, U32_MAX)},
     {"led_current_ma", SIM_KEY_U32, CONTROLLER(led_current_ma, 1, 1e6)},
+    {"max_power_mw", SIM_KEY_U32, CONTROLLER(max_power_mw, 1, U32_MAX)},
+    {"led_power_mw", SIM_KEY_U32, CONTROLLER(led_power_mw, 1, 1e6)},
     {"max_conditions", SIM_KEY_U32, CONTROLLER(max_conditions, 1, 65535)},
     {"max_steps", SIM_KEY_U32, CONTROLLER(max_steps, 1, 1e7)},
     {"max_program_bytes", SIM_KEY_U32, CONTROLLER(max_program_bytes, 1024, 1u << 28)},
@@ -108,6 +110,8 @@ static const struct sim_key controller_keys[] = {
     {"heartbeat_ms", SIM_KEY_U32, CONTROLLER(heartbeat_ms, 1, 3600000)},
     {"event_queue", SIM_KEY_U32, CONTROLLER(event_queue, 1, 1e6)},
     {"temperature_c", SIM_KEY_I32, CONTROLLER(temperature_c, -40, 150)},
+    {"hot_c", SIM_KEY_I32, CONTROLLER(hot_c, 0, 150)},
+    {"max_c", SIM_KEY_I32, CONTROLLER(max_c, 0, 150)},
     {"clock_drift_ppm", SIM_KEY_DOUBLE, CONTROLLER(clock.drift_ppm, -1e4, 1e4)},
     {"clock_epoch_us", SIM_KEY_U64, CONTROLLER(clock.epoch_ticks, 0, I64_MAX)},
     {NULL},
@@ -134,6 +138,8 @@ enum fault_kind {
     FAULT_LOSE_PACKET,
     FAULT_DAMAGE_PACKET,
     FAULT_HALT,
+    FAULT_HEAT,
+    FAULT_OVERHEAT,
     /* of a camera */
     FAULT_DROP_PULSE,
     FAULT_LOSE_FRAME,
@@ -147,7 +153,7 @@ enum fault_kind {
 static const struct sim_key fault_keys[] = {
     {"kind", SIM_KEY_CHOICE, SIM_FIELD(struct fault, kind),
      "stall refuse disconnect interlock estop dead corrupt restart late lose_packet damage_packet "
-     "halt "
+     "halt heat overheat "
      "drop_pulse lose_frame duplicate_frame late_frame packet_loss silent reboot"},
     {"camera", SIM_KEY_U32, SIM_RANGE(struct fault, camera, 0, SIM_MAX_CAMERAS - 1)},
     {"at", SIM_KEY_U32, SIM_RANGE(struct fault, at, 0, U32_MAX)},

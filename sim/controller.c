@@ -31,6 +31,8 @@ void sim_controller_defaults(struct sim_controller_config *config)
         .max_duty_permille = 500,
         .max_current_ma = 300000,
         .led_current_ma = 700,
+        .max_power_mw = 800000,
+        .led_power_mw = 2500,
         .max_conditions = 8192,
         .max_steps = 65536,
         .max_program_bytes = 1u << 22,
@@ -38,6 +40,8 @@ void sim_controller_defaults(struct sim_controller_config *config)
         .heartbeat_ms = 1000,
         .event_queue = 4096,
         .temperature_c = 31,
+        .hot_c = 70,
+        .max_c = 85,
         .clock = {.hz = 1e6},
     };
 }

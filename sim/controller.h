@@ -32,6 +32,8 @@ enum sim_controller_fault_kind {
     SIM_CONTROLLER_LOSE_PACKET,   /* USB: count event packets from step at on never leave */
     SIM_CONTROLLER_DAMAGE_PACKET, /* USB: the same lose a bit */
     SIM_CONTROLLER_HALT,          /* USB: the event endpoint stalls after step at */
+    SIM_CONTROLLER_HEAT,          /* hot_c is reached before step at, for value ms, 0 = for ever */
+    SIM_CONTROLLER_OVERHEAT,      /* the same of max_c */
 };
 
 struct sim_controller_fault {
@@ -58,9 +60,10 @@ struct sim_controller_config {
     uint32_t min_pulse_us, max_pulse_us, min_period_us;
     uint32_t max_duty_permille, max_current_ma, led_current_ma;
     uint32_t max_conditions, max_steps, max_program_bytes;
+    uint32_t max_power_mw, led_power_mw;
     uint32_t max_hold_us, heartbeat_ms;
     uint32_t event_queue; /* events kept for the host */
-    int32_t temperature_c;
+    int32_t temperature_c, hot_c, max_c;
     struct sim_clock clock; /* hz 1e6; start_ns 0: now */
     uint32_t n_faults;
     struct sim_controller_fault faults[SIM_CONTROLLER_MAX_FAULTS];
@@ -86,6 +89,8 @@ struct sim_controller_hooks {
     void (*pulse)(void *user, const struct sim_pulse *pulse);     /* engine thread */
     void (*release)(void *user, uint64_t true_ns, uint32_t step); /* engine thread */
     void (*dark)(void *user, uint64_t true_ns); /* blank or fault cut a pulse short; any thread */
+    /* The work light changed; duty 0: off. Any thread, with the controller locked. */
+    void (*work)(void *user, uint64_t true_ns, uint16_t channel, double duty);
 };
 
 struct sim_controller;

@@ -1,5 +1,6 @@
 #include "sim/controller_private.h"
 
+#include <math.h>
 #include <string.h>
 #include <sys/eventfd.h>
 
@@ -55,9 +56,14 @@ static bool wait_until(struct sim_controller *c, const struct run *run, uint64_t
     return is_running(c, run);
 }
 
-static void open_input(struct sim_controller *c, uint64_t *until_ns, double ms, uint16_t fault)
+static uint64_t until_ns(double ms)
 {
-    *until_ns = ms > 0 ? sim_now_ns() + (uint64_t)(ms * 1e6) : UINT64_MAX;
+    return ms > 0 ? sim_now_ns() + (uint64_t)(ms * 1e6) : UINT64_MAX;
+}
+
+static void open_input(struct sim_controller *c, uint64_t *until, double ms, uint16_t fault)
+{
+    *until = until_ns(ms);
     sim_controller_latch(c, fault);
 }
 
@@ -68,6 +74,10 @@ static void faults_before(struct sim_controller *c, struct run *run)
         open_input(c, &c->interlock_until_ns, fault->value, LS_WIRE_FAULT_INTERLOCK);
     if ((fault = sim_controller_due(c, SIM_CONTROLLER_ESTOP, c->fired)))
         open_input(c, &c->estop_until_ns, fault->value, LS_WIRE_FAULT_ESTOP);
+    if ((fault = sim_controller_due(c, SIM_CONTROLLER_OVERHEAT, c->fired)))
+        open_input(c, &c->overheat_until_ns, fault->value, LS_WIRE_FAULT_OVERTEMP);
+    if ((fault = sim_controller_due(c, SIM_CONTROLLER_HEAT, c->fired)))
+        c->heat_until_ns = until_ns(fault->value);
     if ((fault = sim_controller_due(c, SIM_CONTROLLER_STALL, c->fired)))
         run->ready_us = sim_controller_us(c) + (uint64_t)(fault->value * 1e3);
 }
@@ -92,6 +102,8 @@ static void reboot(struct sim_controller *c)
     c->window_address = c->window_length = 0;
     c->progress = 0;
     c->halt = false;
+    c->work_level = 0;
+    sim_controller_show_work(c, false);
     memset(c->control, 0, sizeof c->control);
     memset(c->memory, 0, c->config.max_program_bytes / 2 * sizeof *c->memory);
     sim_program_finish(&c->program);
@@ -109,8 +121,7 @@ static void faults_after(struct sim_controller *c, uint32_t step)
     if (sim_controller_due(c, SIM_CONTROLLER_HALT, step))
         c->halt = true;
     if ((fault = sim_controller_due(c, SIM_CONTROLLER_DEAD, step)))
-        c->dead_until_ns =
-            fault->value > 0 ? sim_now_ns() + (uint64_t)(fault->value * 1e6) : UINT64_MAX;
+        c->dead_until_ns = until_ns(fault->value);
     if (fault)
         eventfd_write(c->kick_fd, 1);
 }
@@ -189,14 +200,16 @@ static void extinguish(struct sim_controller *c, const struct sim_step *step,
     pthread_cond_broadcast(&c->wake);
 }
 
-/** As much dark after a hold as the duty limit asks of its width. */
+/** As much dark after a hold as the limits of duty and power ask of its width. */
 static uint64_t cooled_us(const struct sim_controller *c, const struct sim_step *step,
                           uint64_t width_us)
 {
     if (!(step->flags & LS_WIRE_STEP_HOLD))
         return 0;
-    return (uint64_t)((double)width_us * (double)c->program.max_duty[step->condition] * 1000.0 /
-                      c->config.max_duty_permille);
+    double duty = (double)c->program.max_duty[step->condition] * 1000 / c->config.max_duty_permille;
+    double power = (double)c->program.total[step->condition] / 65535 * c->config.led_power_mw /
+                   c->config.max_power_mw;
+    return (uint64_t)((double)width_us * fmax(duty, power));
 }
 
 static void fire(struct sim_controller *c, struct run *run)

@@ -44,7 +44,10 @@ struct sim_controller {
     uint64_t credit_us; /* when the step the engine waits for was granted */
     uint64_t alive_ns;  /* last sign of life */
     bool lit, holding;
+    uint16_t work_channel, work_level;
+    bool working;                                /* the work light is on */
     uint64_t interlock_until_ns, estop_until_ns; /* open until; UINT64_MAX: for ever */
+    uint64_t heat_until_ns, overheat_until_ns;   /* as hot as hot_c, max_c until */
     uint64_t dead_until_ns;
     double reconnect_ms;
     bool disconnect; /* asked of the server by the engine */
@@ -78,7 +81,10 @@ struct sim_controller_fault *sim_controller_due_from(struct sim_controller *c,
 /** Does it answer nothing now? */
 bool sim_controller_is_dead(const struct sim_controller *c);
 
-/** Latch @faults: dark, stopped. */
+/** Put the work light on (if there is one) or off. */
+void sim_controller_show_work(struct sim_controller *c, bool on);
+
+/** Latch @faults: stopped, and dark; after a missed heartbeat alone the work light comes on. */
 void sim_controller_latch(struct sim_controller *c, uint16_t faults);
 
 /** What a register request comes to; the numbers are Modbus exception codes. */

@@ -25,10 +25,34 @@ static int refuse_state(struct sim_controller *c)
     return refuse(c, LS_WIRE_REFUSED_STATE, c->state);
 }
 
+void sim_controller_show_work(struct sim_controller *c, bool on)
+{
+    c->working = on && c->work_level;
+    if (c->hooks.work)
+        c->hooks.work(c->hooks.user, sim_now_ns(), c->work_channel,
+                      c->working ? c->work_level / 65535.0 : 0);
+}
+
+static int32_t temperature_c(const struct sim_controller *c)
+{
+    return is_open(c->overheat_until_ns) ? c->config.max_c
+           : is_open(c->heat_until_ns)   ? c->config.hot_c
+                                         : c->config.temperature_c;
+}
+
+/** Causes of faults that persist. */
+static uint16_t causes(const struct sim_controller *c)
+{
+    return (uint16_t)((is_open(c->interlock_until_ns) ? LS_WIRE_FAULT_INTERLOCK : 0) |
+                      (is_open(c->estop_until_ns) ? LS_WIRE_FAULT_ESTOP : 0) |
+                      (temperature_c(c) >= c->config.hot_c ? LS_WIRE_FAULT_OVERTEMP : 0));
+}
+
 void sim_controller_latch(struct sim_controller *c, uint16_t faults)
 {
     c->faults |= faults;
     c->state = LS_WIRE_FAULT;
+    sim_controller_show_work(c, c->faults == LS_WIRE_FAULT_HEARTBEAT);
     pthread_cond_broadcast(&c->wake);
 }
 
@@ -108,6 +132,11 @@ static int arm(struct sim_controller *c)
         return refuse_state(c);
     if (c->lit)
         return refuse(c, LS_WIRE_REFUSED_STATE, c->state);
+    if (temperature_c(c) >= c->config.max_c) {
+        sim_controller_latch(c, LS_WIRE_FAULT_OVERTEMP);
+        return refuse_state(c);
+    }
+    sim_controller_show_work(c, false);
     c->fired = c->granted = c->releases = 0;
     c->event_first = c->event_next = c->events_lost = 0;
     memset(c->control + LS_WIRE_CT_GRANT, 0, 4 * sizeof *c->control);
@@ -128,6 +157,7 @@ static int blank(struct sim_controller *c)
 {
     if (c->state == LS_WIRE_ARMED || c->state == LS_WIRE_DONE)
         c->state = LS_WIRE_LOADED;
+    sim_controller_show_work(c, false);
     pthread_cond_broadcast(&c->wake);
     settle(c);
     return 0;
@@ -135,8 +165,7 @@ static int blank(struct sim_controller *c)
 
 static int clear_faults(struct sim_controller *c)
 {
-    uint16_t persist = (uint16_t)((is_open(c->interlock_until_ns) ? LS_WIRE_FAULT_INTERLOCK : 0) |
-                                  (is_open(c->estop_until_ns) ? LS_WIRE_FAULT_ESTOP : 0));
+    uint16_t persist = causes(c) & c->faults;
     if (persist)
         return refuse(c, LS_WIRE_REFUSED_FAULT, persist);
     if (c->state != LS_WIRE_FAULT)
@@ -151,6 +180,36 @@ static int release(struct sim_controller *c)
     if (c->state != LS_WIRE_ARMED && c->state != LS_WIRE_DONE)
         return refuse_state(c);
     c->releases++;
+    return 0;
+}
+
+static int work(struct sim_controller *c)
+{
+    uint16_t dangers = LS_WIRE_FAULT_INTERLOCK | LS_WIRE_FAULT_ESTOP | LS_WIRE_FAULT_OVERTEMP;
+    dangers &= causes(c) | c->faults;
+    if (dangers)
+        return refuse(c, LS_WIRE_REFUSED_FAULT, dangers);
+    if (c->state == LS_WIRE_ARMED || c->lit)
+        return refuse_state(c);
+    sim_controller_show_work(c, true);
+    return 0;
+}
+
+static int set_work(struct sim_controller *c, uint16_t channel, uint16_t level)
+{
+    double on = (double)level * c->config.n_lights / 65535;
+    if (channel >= c->config.n_channels)
+        return refuse(c, LS_WIRE_REFUSED_CHANNEL, channel);
+    if (level > c->config.max_duty_permille * 65535u / 1000)
+        return refuse(c, LS_WIRE_REFUSED_DUTY, level);
+    if (on * c->config.led_current_ma > c->config.max_current_ma)
+        return refuse(c, LS_WIRE_REFUSED_CURRENT, level);
+    if (on * c->config.led_power_mw > c->config.max_power_mw)
+        return refuse(c, LS_WIRE_REFUSED_POWER, level);
+    c->work_channel = channel;
+    c->work_level = level;
+    if (c->working)
+        sim_controller_show_work(c, true);
     return 0;
 }
 
@@ -169,6 +228,8 @@ static int command(struct sim_controller *c, uint16_t value)
         return release(c);
     case LS_WIRE_ALIVE:
         return 0;
+    case LS_WIRE_WORK:
+        return work(c);
     default:
         return refuse(c, LS_WIRE_REFUSED_VALUE, value);
     }
@@ -210,6 +271,8 @@ static int write_control(struct sim_controller *c, unsigned at, const uint16_t *
             rc = grant(c, value);
         else if (at == LS_WIRE_CT_ACK)
             rc = acknowledge(c, value);
+        else if (at == LS_WIRE_CT_WORK)
+            rc = set_work(c, regs[0], regs[1]);
         if (!rc)
             memcpy(c->control + at, regs, 2 * sizeof *regs);
     }
@@ -268,10 +331,11 @@ static void fill_limits(const struct sim_controller *c, uint16_t *regs)
 {
     const struct sim_controller_config *g = &c->config;
     const uint32_t limits[LS_WIRE_LIMITS_SIZE / 2] = {
-        g->n_lights,          g->n_channels,     g->pwm_period_us,  g->pwm_levels,
-        g->min_pulse_us,      g->max_pulse_us,   g->min_period_us,  g->max_duty_permille,
-        g->max_current_ma,    g->led_current_ma, g->max_conditions, g->max_steps,
-        g->max_program_bytes, g->max_hold_us,    g->heartbeat_ms};
+        g->n_lights,          g->n_channels,      g->pwm_period_us,  g->pwm_levels,
+        g->min_pulse_us,      g->max_pulse_us,    g->min_period_us,  g->max_duty_permille,
+        g->max_current_ma,    g->led_current_ma,  g->max_conditions, g->max_steps,
+        g->max_program_bytes, g->max_hold_us,     g->heartbeat_ms,   g->max_power_mw,
+        g->led_power_mw,      (uint32_t)g->hot_c, (uint32_t)g->max_c};
     for (unsigned i = 0; i < LS_WIRE_LIMITS_SIZE / 2; i++)
         ls_wire_put32(regs + 2 * i, limits[i]);
 }
@@ -303,7 +367,9 @@ static uint16_t flags(const struct sim_controller *c)
 {
     return (uint16_t)((c->lit ? LS_WIRE_FLAG_LIT : 0) | (c->holding ? LS_WIRE_FLAG_HOLDING : 0) |
                       (is_open(c->interlock_until_ns) ? LS_WIRE_FLAG_INTERLOCK_OPEN : 0) |
-                      (is_open(c->estop_until_ns) ? LS_WIRE_FLAG_ESTOP_PRESSED : 0));
+                      (is_open(c->estop_until_ns) ? LS_WIRE_FLAG_ESTOP_PRESSED : 0) |
+                      (temperature_c(c) >= c->config.hot_c ? LS_WIRE_FLAG_HOT : 0) |
+                      (c->working ? LS_WIRE_FLAG_WORK : 0));
 }
 
 static void fill_status(const struct sim_controller *c, uint16_t *regs)
@@ -311,7 +377,7 @@ static void fill_status(const struct sim_controller *c, uint16_t *regs)
     regs[LS_WIRE_ST_STATE] = (uint16_t)c->state;
     regs[LS_WIRE_ST_FAULTS] = c->faults;
     regs[LS_WIRE_ST_FLAGS] = flags(c);
-    regs[LS_WIRE_ST_TEMPERATURE] = (uint16_t)(int16_t)c->config.temperature_c;
+    regs[LS_WIRE_ST_TEMPERATURE] = (uint16_t)(int16_t)temperature_c(c);
     ls_wire_put32(regs + LS_WIRE_ST_BOOT, c->boot);
     regs[LS_WIRE_ST_ARM] = c->arm;
     regs[LS_WIRE_ST_PROGRESS] = (uint16_t)c->progress;

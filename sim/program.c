@@ -105,6 +105,7 @@ static int read_leds(struct reader *r, uint32_t i, struct sim_program *p, uint32
         p->levels[i][k] = level;
         c->leds[k] = led;
     }
+    p->total[i] = levels;
     if (levels * r->config->led_current_ma > (uint64_t)r->config->max_current_ma * 65535)
         return refuse(r, LS_WIRE_REFUSED_CURRENT, i, LS_WIRE_FAULT_OVERCURRENT);
     return 0;
@@ -122,7 +123,8 @@ static int read_conditions(struct reader *r, struct sim_program *p)
     p->conditions = calloc(p->n_conditions, sizeof *p->conditions);
     p->max_duty = calloc(p->n_conditions, sizeof *p->max_duty);
     p->levels = calloc(p->n_conditions, sizeof *p->levels);
-    if (!seen || !p->conditions || !p->max_duty || !p->levels)
+    p->total = calloc(p->n_conditions, sizeof *p->total);
+    if (!seen || !p->conditions || !p->max_duty || !p->levels || !p->total)
         return no_memory(r);
     for (uint32_t i = 0; i < p->n_conditions; i++) {
         struct sim_condition *c = &p->conditions[i];
@@ -207,8 +209,15 @@ static uint64_t heat(const struct reader *r, const struct sim_program *p, uint32
     return hottest;
 }
 
-static int check_duty(struct reader *r, const struct sim_program *p)
+/** Does what all LEDs took within a second, @total us x level, exceed the power limit? */
+static bool is_over_power(const struct reader *r, uint64_t total)
 {
+    return (double)total / 65535 / 1e6 * r->config->led_power_mw > r->config->max_power_mw;
+}
+
+static int check_duty_and_power(struct reader *r, const struct sim_program *p)
+{
+    uint64_t total = 0;
     uint64_t limit = r->config->max_duty_permille * 1000ull * 65535;
     LS_CLEANUP_FREE uint64_t *start = start_times(p);
     LS_CLEANUP_FREE uint64_t *on =
@@ -216,10 +225,15 @@ static int check_duty(struct reader *r, const struct sim_program *p)
     if (!start || !on)
         return no_memory(r);
     for (uint32_t i = 0, tail = 0; i < p->n_steps; i++) {
-        for (; start[i] - start[tail] >= 1000000; tail++)
+        for (; start[i] - start[tail] >= 1000000; tail++) {
             heat(r, p, tail, false, on);
+            total -= p->steps[tail].pulse_us * p->total[p->steps[tail].condition];
+        }
+        total += p->steps[i].pulse_us * p->total[p->steps[i].condition];
         if (heat(r, p, i, true, on) > limit)
             return refuse(r, LS_WIRE_REFUSED_DUTY, i, LS_WIRE_FAULT_OVERDUTY);
+        if (is_over_power(r, total))
+            return refuse(r, LS_WIRE_REFUSED_POWER, i, LS_WIRE_FAULT_OVERPOWER);
     }
     return 0;
 }
@@ -230,7 +244,7 @@ int sim_program_decode(const struct sim_controller_config *config, const uint16_
     struct reader r = {config, image, n, 0, refusal};
     memset(out, 0, sizeof *out);
     if (read_header(&r, out) || read_conditions(&r, out) || read_steps(&r, out) ||
-        check_duty(&r, out)) {
+        check_duty_and_power(&r, out)) {
         sim_program_finish(out);
         return -1;
     }
@@ -245,6 +259,7 @@ void sim_program_finish(struct sim_program *program)
     for (uint32_t i = 0; program->levels && i < program->n_conditions; i++)
         free(program->levels[i]);
     free(program->levels);
+    free(program->total);
     free(program->conditions);
     free(program->max_duty);
     free(program->steps);

@@ -18,6 +18,7 @@ struct sim_program {
     uint32_t n_conditions, n_steps, period_us, crc;
     struct sim_condition *conditions;
     float *max_duty;   /* [n_conditions]: of the brightest LED */
+    uint64_t *total;   /* [n_conditions]: sum of the levels of all LEDs */
     uint16_t **levels; /* [n_conditions][n_leds]: as asked, before quantising */
     struct sim_step *steps;
 };

@@ -47,6 +47,13 @@ static void on_dark(void *user, uint64_t true_ns)
     sem_post(&log->dark);
 }
 
+static void on_work(void *user, uint64_t true_ns, uint16_t channel, double duty)
+{
+    struct dome_log *log = user;
+    log->work_channel = channel;
+    log->work_duty = duty;
+}
+
 struct ready {
     unsigned port;
     char path[128];
@@ -55,7 +62,7 @@ struct ready {
 static void child(const struct sim_controller_config *config, struct dome_log *log, int ready_fd,
                   int hold_fd)
 {
-    struct sim_controller_hooks hooks = {log, on_commit, on_pulse, on_release, on_dark};
+    struct sim_controller_hooks hooks = {log, on_commit, on_pulse, on_release, on_dark, on_work};
     struct sim_controller *controller;
     struct ls_diag diag = {0};
     char byte;

@@ -22,6 +22,8 @@ struct dome_log {
     struct sim_pulse pulses[DOME_PULSES];
     uint64_t release_ns[DOME_PULSES];
     uint64_t dark_ns[64];
+    _Atomic double work_duty; /* of the work light; 0 off */
+    uint32_t work_channel;
     uint32_t n_conditions;
     struct {
         uint32_t n_leds;

@@ -104,9 +104,8 @@ void stand_down(struct stand *stand)
     dome_stop(&stand->dome);
 }
 
-int run_lights_tests(int argc, char **argv, const struct lights_test *tests, size_t n)
+int run_lights_tests(const struct lights_test *tests, size_t n)
 {
-    g_test_init(&argc, &argv, NULL);
     for (size_t d = 0; d < G_N_ELEMENTS(drivers); d++)
         for (size_t i = 0; i < n; i++) {
             if (tests[i].wires && !(tests[i].wires >> drivers[d].wire & 1))

@@ -55,13 +55,13 @@ struct ls_program small_program(struct ls_step *steps, uint32_t n);
  * serial line takes its time. */
 enum { TCP = 1 << SIM_WIRE_MODBUS, USB = 1 << SIM_WIRE_USB };
 
-/** "name" becomes /lights/DRIVER/name. */
+/** "name" becomes /lights/DRIVER/name; after g_test_init. */
 struct lights_test {
     const char *name;
     GTestDataFunc run;
     unsigned wires; /* 0: all */
 };
 
-int run_lights_tests(int argc, char **argv, const struct lights_test *tests, size_t n);
+int run_lights_tests(const struct lights_test *tests, size_t n);
 
 #endif

@@ -91,8 +91,15 @@ static void test_latched(void)
         {{0, 0, 65535}, LS_CONDITION_ONE, 10, 1000, LS_WIRE_REFUSED_PULSE, LS_WIRE_FAULT_PROGRAM},
         {{0, 0, 65535}, LS_CONDITION_ONE, 100, 500, LS_WIRE_REFUSED_PERIOD, LS_WIRE_FAULT_PROGRAM},
         {{0, 0, 9}, LS_CONDITION_ONE, 120, 1000, LS_WIRE_REFUSED_PWM, LS_WIRE_FAULT_PROGRAM},
+        {{0, 0, 32767},
+         LS_CONDITION_SPHERE,
+         150000,
+         1000,
+         LS_WIRE_REFUSED_POWER,
+         LS_WIRE_FAULT_OVERPOWER},
     };
     struct sim_controller_config config = dome_small();
+    config.max_power_mw = 4000; /* 12 LEDs of 2.5 W at half their level, 0.3 of a second: 4.5 W */
     struct bench b = bench_open(&config);
     uint16_t regs[LS_WIRE_STATUS_SIZE];
     for (size_t i = 0; i < G_N_ELEMENTS(over); i++) {
@@ -117,6 +124,37 @@ static void test_latched(void)
         g_assert_cmpuint(regs[LS_WIRE_ST_STATE], ==, LS_WIRE_IDLE);
     }
     g_assert_cmpuint(b.dome.log->n_commits, ==, 0);
+    bench_close(&b);
+}
+
+static void refuses_work(struct bench *b, uint16_t channel, uint16_t level, uint16_t reason)
+{
+    const uint16_t work[2] = {channel, level};
+    uint16_t regs[LS_WIRE_STATUS_SIZE];
+    g_assert_cmpint(put(b, LS_WIRE_CONTROL + LS_WIRE_CT_WORK, 2, work), ==, LS_ERR_REFUSED);
+    status(b, regs);
+    g_assert_cmpuint(regs[LS_WIRE_ST_REFUSAL], ==, reason);
+    g_assert_cmpuint(ls_wire_get32(regs + LS_WIRE_ST_DETAIL), ==,
+                     reason == LS_WIRE_REFUSED_CHANNEL ? channel : level);
+    g_assert_cmpuint(regs[LS_WIRE_ST_STATE], ==, LS_WIRE_IDLE);
+}
+
+static void test_work_refused(void)
+{
+    struct sim_controller_config config = dome_small();
+    config.max_current_ma = 1000; /* 12 LEDs of 700 mA: level 7801 */
+    config.max_power_mw = 2500;   /* 12 LEDs of 2.5 W: level 5461 */
+    config.max_duty_permille = 200;
+    struct bench b = bench_open(&config);
+    uint16_t work[2] = {0, 5461}, regs[LS_WIRE_STATUS_SIZE];
+    refuses_work(&b, 3, 1, LS_WIRE_REFUSED_CHANNEL);
+    refuses_work(&b, 0, 13108, LS_WIRE_REFUSED_DUTY);
+    refuses_work(&b, 0, 7802, LS_WIRE_REFUSED_CURRENT);
+    refuses_work(&b, 0, 5462, LS_WIRE_REFUSED_POWER);
+    g_assert_cmpint(put(&b, LS_WIRE_CONTROL + LS_WIRE_CT_WORK, 2, work), ==, LS_OK);
+    g_assert_cmpint(command(&b, LS_WIRE_WORK), ==, LS_OK);
+    status(&b, regs);
+    g_assert_cmpuint(regs[LS_WIRE_ST_FLAGS], ==, LS_WIRE_FLAG_WORK);
     bench_close(&b);
 }
 
@@ -152,7 +190,7 @@ static void test_registers(void)
     struct sim_controller_config config = dome_small();
     struct bench b = bench_open(&config);
     uint16_t regs[125] = {0};
-    const unsigned outside[][2] = {{24, 1},    {20, 5},    {0x40, 31}, {0x100, 121}, {0x210, 1},
+    const unsigned outside[][2] = {{24, 1},    {20, 5},    {0x40, 39}, {0x100, 121}, {0x210, 1},
                                    {0x222, 1}, {0x37b, 1}, {65535, 1}, {65530, 100}};
     for (size_t i = 0; i < G_N_ELEMENTS(outside); i++)
         g_assert_cmpint(b.link->ops->read(b.link, outside[i][0], outside[i][1], regs, NULL), ==,
@@ -295,6 +333,7 @@ int main(int argc, char **argv)
 {
     g_test_init(&argc, &argv, NULL);
     g_test_add_func("/controller/programs-over-a-limit-are-refused-and-latched", test_latched);
+    g_test_add_func("/controller/a-work-light-over-a-limit-is-refused", test_work_refused);
     g_test_add_func("/controller/commit-checks-crc-and-counts", test_checks);
     g_test_add_func("/controller/only-documented-registers-exist", test_registers);
     g_test_add_func("/controller/a-repeated-grant-leaves-a-held-step-lit", test_repeated_grant);

@@ -292,5 +292,6 @@ int main(int argc, char **argv)
         {"close-leaves-the-dome-dark", test_close_blanks},
         {"a-take-of-346-lights-uploads-in-half-a-second", test_large, TCP | USB},
     };
-    return run_lights_tests(argc, argv, tests, G_N_ELEMENTS(tests));
+    g_test_init(&argc, &argv, NULL);
+    return run_lights_tests(tests, G_N_ELEMENTS(tests));
 }

@@ -358,5 +358,6 @@ int main(int argc, char **argv)
         {"a-load-can-be-given-up", test_stopped_load},
         {"overwritten-events-are-counted", test_overflow},
     };
-    return run_lights_tests(argc, argv, tests, G_N_ELEMENTS(tests));
+    g_test_init(&argc, &argv, NULL);
+    return run_lights_tests(tests, G_N_ELEMENTS(tests));
 }

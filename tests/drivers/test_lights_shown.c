@@ -122,5 +122,6 @@ int main(int argc, char **argv)
         {"mutation-one-based-lights-is-caught", test_one_based},
         {"mutation-level-and-step-shift-are-caught", test_other_mutations},
     };
-    return run_lights_tests(argc, argv, tests, G_N_ELEMENTS(tests));
+    g_test_init(&argc, &argv, NULL);
+    return run_lights_tests(tests, G_N_ELEMENTS(tests));
 }
