@@ -87,7 +87,8 @@ enum ls_err ls_grey_factors(struct ls_grey_work *w)
 
 static bool same_class(const struct ls_grey_factor *a, const struct ls_grey_factor *b)
 {
-    return a->channel == b->channel && !strcmp(a->pattern, b->pattern) && a->duty == b->duty;
+    return a->channel == b->channel && !strcmp(a->pattern, b->pattern) &&
+           ls_calibration_same_duty(a->duty, b->duty);
 }
 
 enum ls_err ls_grey_combine(struct ls_grey *grey, uint32_t first, struct ls_diag *diag)
