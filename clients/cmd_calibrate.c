@@ -17,7 +17,7 @@ struct options {
     const char *takes[LS_N_OBJECTS]; /* existing ones; NULL = to be made */
     bool skip[LS_N_OBJECTS];
     double radius_m, reflectance;
-    uint32_t camera;
+    uint32_t cameras[LS_CALIBRATION_MAX_CAMERAS], n_cameras;
     struct ls_calibrate_shoot shoot;
 };
 
@@ -26,8 +26,9 @@ struct calibration {
     struct ls_command_context *context;
     struct options *options;
     char ids[LS_N_OBJECTS][128];
-    struct ls_calibrate_take *takes[LS_N_OBJECTS];
-    char *plan; /* text */
+    struct ls_calibrate_take *takes[LS_N_OBJECTS];                    /* by the first camera */
+    struct ls_calibrate_take *grey_takes[LS_CALIBRATION_MAX_CAMERAS]; /* by each of them */
+    char *plan;                                                       /* text */
     struct ls_grey *grey;
     struct ls_chrome chrome;
     struct ls_gloss gloss;
@@ -80,14 +81,26 @@ static bool exposures(const char *text, const char **out)
     return text[0] && strlen(text) < 256 && strspn(text, "0123456789, ") == strlen(text);
 }
 
+static bool camera_list(const char *text, struct options *o)
+{
+    LS_CLEANUP_FREE uint32_t *list = NULL;
+    size_t n = 0;
+    if (!ls_lights_option(text, LS_CALIBRATION_MAX_CAMERAS, &list, &n))
+        return false;
+    memcpy(o->cameras, list, n * sizeof *list);
+    o->n_cameras = (uint32_t)n;
+    return true;
+}
+
 static int parse_number(struct options *o, int option)
 {
     if (option == RADIUS && !number(optarg, 0.001, 10, &o->radius_m))
         return ls_command_wrong("--radius %s: expected metres, 0.001 to 10", optarg);
     if (option == REFLECTANCE && !number(optarg, 0.01, 1, &o->reflectance))
         return ls_command_wrong("--reflectance %s: expected 0.01 to 1", optarg);
-    if (option == CAMERA && !ls_camera_option(optarg, &o->camera))
-        return ls_command_wrong("--camera %s: expected the number of a camera, from 0", optarg);
+    if (option == CAMERA && !camera_list(optarg, o))
+        return ls_command_wrong("--camera %s: expected a camera's number, from 0, or several: 0,1",
+                                optarg);
     o->shoot.segments_asked |= option == SEGMENTS;
     if (option == SEGMENTS && !whole(optarg, 0, 4096, &o->shoot.segments))
         return ls_command_wrong("--segments %s: expected 0 to 4096", optarg);
@@ -210,7 +223,9 @@ static int shoot(struct calibration *c, enum ls_calibrate_object object, bool po
             return code;
     }
     enum ls_err err =
-        ls_calibrate_take_open(c->context, c->ids[object], o->camera, &c->takes[object]);
+        ls_calibrate_take_open(c->context, c->ids[object], o->cameras[0], &c->takes[object]);
+    for (uint32_t k = 0; k < o->n_cameras && !err && object == LS_OBJECT_GREY; k++)
+        err = ls_calibrate_take_open(c->context, c->ids[object], o->cameras[k], &c->grey_takes[k]);
     return err ? failed(c, err) : LS_EXIT_OK;
 }
 
@@ -235,7 +250,8 @@ static int measure(struct calibration *c, enum ls_calibrate_object object)
     fprintf(stderr, "measuring %s\n", c->ids[object]);
     enum ls_err err = same_camera(c, object);
     if (!err && object == LS_OBJECT_GREY)
-        err = ls_calibrate_grey(take, o->radius_m, o->reflectance, &c->grey);
+        err = ls_calibrate_grey((const struct ls_calibrate_take *const *)c->grey_takes,
+                                o->n_cameras, o->radius_m, o->reflectance, &c->grey);
     if (!err && object == LS_OBJECT_CHROME)
         err = ls_calibrate_chrome(take, c->grey, o->reflectance, &c->chrome);
     if (!err && object == LS_OBJECT_GLOSS)
@@ -337,6 +353,8 @@ static void finish(struct calibration *c)
 {
     for (int i = 0; i < LS_N_OBJECTS; i++)
         ls_calibrate_take_close(c->takes[i]);
+    for (int i = 0; i < LS_CALIBRATION_MAX_CAMERAS; i++)
+        ls_calibrate_take_close(c->grey_takes[i]);
     ls_grey_destroy(c->grey);
     ls_gloss_finish(&c->gloss);
     free(c->plan);
@@ -349,6 +367,7 @@ static int run(struct ls_command_context *context, int argc, char **argv)
     static const char usual[] = "100, 800, 6400";
     struct options options = {.radius_m = 0.1,
                               .reflectance = 0.33,
+                              .n_cameras = 1,
                               .shoot = {{usual, usual, usual}, .darks = 16, .segments = 14}};
     struct calibration c = {.context = context, .options = &options};
     int code = parse(context, argc, argv, &options);
@@ -371,7 +390,7 @@ static int run(struct ls_command_context *context, int argc, char **argv)
 
 const struct ls_command ls_command_calibrate = {
     "calibrate", "Measure the lights on a grey sphere, a chrome ball and a black glossy sphere",
-    "--output FILE [--base FILE] [--plan FILE] [--radius M] [--reflectance R] [--camera N]\n"
+    "--output FILE [--base FILE] [--plan FILE] [--radius M] [--reflectance R] [--camera N,...]\n"
     "         [--exposures US,US,...] [--grey-exposures ...] [--chrome-exposures ...]\n"
     "         [--gloss-exposures ...] [--darks N] [--segments G] [--no-chrome] [--no-gloss]\n"
     "         [--yes] [--json]\n"
@@ -379,6 +398,8 @@ const struct ls_command ls_command_calibrate = {
     "\n"
     "Asks for each object in turn, photographs and measures it; --yes goes on without asking.\n"
     "With --plan the factors of that plan's patterns are measured too, at its levels. With --grey\n"
-    "it measures takes that exist. Camera constants, spectra, chart and camera matrix cannot be\n"
-    "measured so: they come from --base, else from the calibration in the grey take.",
+    "it measures takes that exist. Several cameras see more of the lights; what else a "
+    "calibration\n"
+    "holds is of the first. Camera constants, spectra, chart and camera matrix cannot be measured\n"
+    "so: they come from --base, else from the calibration in the grey take.",
     run};
