@@ -129,16 +129,15 @@ static enum ls_err read_exposures(struct ls_calibrate_take *take, const json_t *
                                   struct ls_diag *diag)
 {
     const json_t *list = json_object_get(doc, "exposure_s");
-    double t2 = 0, t3 = 0, full = take->full_scale_dn;
+    double t2 = 0, t3 = 0, shortest = INFINITY, full = take->full_scale_dn;
     double sigma2 = take->read_noise_dn * take->read_noise_dn + 1.0 / 12;
-    take->shortest_s = INFINITY;
     for (size_t i = 0; i < json_array_size(list); i++) {
         double t = json_number_value(json_array_get(list, i));
-        take->shortest_s = fmin(take->shortest_s, t);
+        shortest = fmin(shortest, t);
         t2 += t * t;
         t3 += t * t * t;
     }
-    if (!(take->shortest_s > 0) || !isfinite(t3))
+    if (!(shortest > 0) || !isfinite(t3))
         return wrong(diag, "exposure_s");
     take->noise = (struct ls_field_noise){.read_variance = sigma2 / (full * full * t2),
                                           .shot = t3 / (full * take->electrons_per_dn * t2 * t2)};
@@ -166,9 +165,8 @@ static enum ls_err read_camera(struct ls_calibrate_take *take, const json_t *doc
     take->exposure_offset_us = number(item, "exposure_offset_us");
     take->range_low = json_number_value(json_array_get(range, 0));
     take->range_high = json_number_value(json_array_get(range, 1));
-    take->black = take->black_dn / take->full_scale_dn;
     if (!(take->full_scale_dn > 0) || !(take->electrons_per_dn > 0) ||
-        !(take->read_noise_dn >= 0) || !(take->black >= 0) || !(take->range_high > 0) ||
+        !(take->read_noise_dn >= 0) || !(take->black_dn >= 0) || !(take->range_high > 0) ||
         isnan(take->exposure_offset_us) || !format)
         return wrong(diag, "rig.cameras");
     snprintf(take->pixel_format, sizeof take->pixel_format, "%s", format);
@@ -282,19 +280,17 @@ static enum ls_err send_request(const struct fetch *f, uint32_t *request)
     body.region = &region;
     body.quantity = LIGHTSTAGE__QUANTITY__ESTIMATE;
     body.camera = f->take->camera_row;
+    body.validity = true;
     return ls_connection_send(f->take->context->connection, LS_MESSAGE_FETCH, &body.base, NULL, 0,
                               request, &f->take->context->diag);
 }
 
-/* A pixel is saturated where its estimate says that even the shortest exposure was out of range. */
-static void put_row(const struct fetch *f, const float *from, double unit, size_t at, uint32_t n)
+static void put_row(const struct fetch *f, const float *from, const uint8_t *validity, double unit,
+                    size_t at, uint32_t n)
 {
-    const struct ls_calibrate_take *take = f->take;
-    double limit = (take->range_high - take->black) / take->shortest_s;
-    for (uint32_t x = 0; x < n; x++) {
+    for (uint32_t x = 0; x < n; x++)
         f->e[at + x] = (float)((double)from[x] * unit);
-        f->validity[at + x] = (double)f->e[at + x] > limit ? LS_VALIDITY_SATURATED : LS_VALIDITY_OK;
-    }
+    memcpy(f->validity + at, validity, n);
 }
 
 static enum ls_err take_band(const struct fetch *f, const struct ls_reply *reply,
@@ -305,14 +301,16 @@ static enum ls_err take_band(const struct fetch *f, const struct ls_reply *reply
     if (reply->type != (LS_MESSAGE_FETCH | LS_MESSAGE_REPLY) || band->light >= f->n ||
         band->sample != LIGHTSTAGE__SAMPLE__FLOAT || band->components != 1 ||
         f->region.x + (uint64_t)band->width > d->width ||
-        f->region.y + (uint64_t)band->first_row + band->n_rows > d->height ||
-        reply->payload_bytes != (size_t)band->width * band->n_rows * sizeof(float) ||
+        f->region.y + (uint64_t)band->first_row + band->n_rows > d->height || !band->validity ||
+        band->variance ||
+        reply->payload_bytes != (size_t)band->width * band->n_rows * (sizeof(float) + 1) ||
         !(band->reference_exposure_s > 0))
         return ls_fail(diag, LS_ERR_INVALID, "the daemon sent rows that do not fit the picture");
+    const uint8_t *flags = reply->payload + (size_t)band->width * band->n_rows * sizeof(float);
     for (uint32_t y = 0; y < band->n_rows; y++) {
         size_t at = (size_t)(f->region.y + band->first_row + y) * d->width + f->region.x;
         put_row(f, (const float *)(const void *)reply->payload + (size_t)y * band->width,
-                1 / band->reference_exposure_s, at, band->width);
+                flags + (size_t)y * band->width, 1 / band->reference_exposure_s, at, band->width);
     }
     if (band->first_row + band->n_rows < band->height)
         return LS_OK;

@@ -20,10 +20,10 @@ struct ls_calibrate_take {
     uint32_t camera_row;
     struct ls_take_document *document;
     struct ls_pinhole camera;
-    double shortest_s, black, range_high; /* black and range_high of full scale */
     char pixel_format[32], cfa[8];
-    double black_dn, full_scale_dn, electrons_per_dn, read_noise_dn, exposure_offset_us, range_low;
-    struct ls_field_noise noise; /* of a dim pixel in full scale / s */
+    double black_dn, full_scale_dn, electrons_per_dn, read_noise_dn, exposure_offset_us;
+    double range_low, range_high; /* of full scale */
+    struct ls_field_noise noise;  /* of a dim pixel in full scale / s */
     uint32_t n_pictures;
     struct ls_lit_picture *pictures; /* the lit ones of the plan */
     size_t weights_bytes;            /* of all pictures */
@@ -60,8 +60,8 @@ struct ls_calibrate_region {
 struct ls_calibrate_region ls_calibrate_around(const struct ls_calibrate_take *take,
                                                const struct ls_outline *outline);
 
-/** Fetch pictures in the order given and hand each to @use; its error ends it. Validity: OK or
- * SATURATED. */
+/** Fetch pictures in the order given and hand each to @use with the validity that the take stored; its
+ * error ends it. */
 LS_MUST_CHECK enum ls_err ls_calibrate_fetch(const struct ls_calibrate_take *take,
                                              const struct ls_lit_picture *const *pictures,
                                              uint32_t n, struct ls_calibrate_region region,

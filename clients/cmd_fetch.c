@@ -2,6 +2,7 @@
 #include "clients/fetch_coefficients.h"
 #include "clients/picture_attrs.h"
 #include "clients/picture_file.h"
+#include "clients/pixel_quality.h"
 #include "clients/promotion_option.h"
 #include "clients/promotion_report.h"
 #include "clients/region_option.h"
@@ -17,7 +18,7 @@ struct options {
     const char *channel, *lights, *output;
     const char *coefficients; /* "harmonics", "gradients", or NULL: lights */
     Lightstage__Promotion promotion;
-    bool rgb, estimate, half, full_sphere, promoted;
+    bool rgb, estimate, half, full_sphere, promoted, validity, variance;
     uint32_t camera;
     Lightstage__Region region;
 };
@@ -28,6 +29,7 @@ struct fetch {
     const struct options *options;
     const struct ls_take_document *document;
     struct ls_image image;
+    struct ls_pixel_quality quality;
     struct ls_promotion_report report; /* of the last picture that came with one */
     json_t *frames;
     char *csv; /* text of the list, malloc */
@@ -70,6 +72,12 @@ static int parse_option(struct options *out, int option)
                    ? LS_EXIT_OK
                    : ls_command_wrong("--camera %s: expected the number of a camera, from 0",
                                       optarg);
+    case 12:
+        out->validity = true;
+        return LS_EXIT_OK;
+    case 13:
+        out->variance = true;
+        return LS_EXIT_OK;
     case 11:
         out->coefficients = optarg;
         return strcmp(optarg, "harmonics") == 0 || strcmp(optarg, "gradients") == 0
@@ -111,6 +119,8 @@ static int parse(struct ls_command_context *context, int argc, char **argv, stru
                                             {"region", required_argument, NULL, 9},
                                             {"camera", required_argument, NULL, 10},
                                             {"coefficients", required_argument, NULL, 11},
+                                            {"validity", no_argument, NULL, 12},
+                                            {"variance", no_argument, NULL, 13},
                                             LS_PROMOTION_OPTIONS,
                                             LS_COMMON_OPTIONS};
     lightstage__promotion__init(&out->promotion);
@@ -130,6 +140,10 @@ static int parse(struct ls_command_context *context, int argc, char **argv, stru
     if (out->coefficients && (out->full_sphere || out->lights || out->estimate || out->promoted))
         return ls_command_wrong("fetch: --coefficients are sums over all lights, as photographed: "
                                 "leave out --lights, --full-sphere, --estimate and --model");
+    if ((out->validity || out->variance) && (out->rgb || out->coefficients))
+        return ls_command_wrong(
+            "fetch: --validity and --variance are of photographed pixels: leave "
+            "out --layout rgb and --coefficients");
     return check_promotion(out);
 }
 
@@ -158,16 +172,19 @@ static enum ls_err record(struct fetch *fetch, const char *path, const Lightstag
                           struct ls_diag *diag)
 {
     const struct ls_take_document *d = fetch->document;
+    json_t *flags = ls_pixel_quality_json(&fetch->quality, (size_t)band->width * band->height);
     if (fetch->options->full_sphere || band->light >= d->n_lights) {
-        json_array_append_new(fetch->frames, json_pack("{ss}", "file", path));
+        json_array_append_new(fetch->frames,
+                              json_pack("{ss so*}", "file", path, "validity", flags));
         return LS_OK;
     }
     const float *v = d->direction[band->light];
     double omega = d->omega_sr[band->light];
-    json_array_append_new(
-        fetch->frames, json_pack("{ss sI s[fff] sf sf}", "file", path, "light",
-                                 (json_int_t)band->light, "direction", (double)v[0], (double)v[1],
-                                 (double)v[2], "solid_angle_sr", omega, "weight", band->gain_k));
+    json_array_append_new(fetch->frames,
+                          json_pack("{ss sI s[fff] sf sf so*}", "file", path, "light",
+                                    (json_int_t)band->light, "direction", (double)v[0],
+                                    (double)v[1], (double)v[2], "solid_angle_sr", omega, "weight",
+                                    band->gain_k, "validity", flags));
     if (fprintf(fetch->csv_stream, "%s,%u,%.9g,%.9g,%.9g,%.9g,%.9g\n", path, band->light,
                 (double)v[0], (double)v[1], (double)v[2], omega, band->gain_k) < 0)
         return ls_fail(diag, LS_ERR_NOMEM, "out of memory for the list of pictures");
@@ -188,10 +205,13 @@ static enum ls_err write_picture(struct fetch *fetch, const Lightstage__FetchRep
         return ls_fail(diag, LS_ERR_INVALID, "--output: the path is too long");
     fill_attributes(fetch, band, &attrs);
     enum ls_err err = ls_picture_file_exr(path, &fetch->image, o->half ? LS_EXR_HALF : LS_EXR_FLOAT,
-                                          &place, &attrs, diag);
+                                          &place, &fetch->quality, &attrs, diag);
     ls_exr_attrs_finish(&attrs);
+    if (!err)
+        err = record(fetch, path, band, diag);
     ls_image_finish(&fetch->image);
-    return err ? err : record(fetch, path, band, diag);
+    ls_pixel_quality_finish(&fetch->quality);
+    return err;
 }
 
 static enum ls_err take_band(struct fetch *fetch, const struct ls_reply *reply,
@@ -212,14 +232,19 @@ static enum ls_err take_band(struct fetch *fetch, const struct ls_reply *reply,
     if (band->width != fetch->image.width || band->components != fetch->image.n_channels ||
         band->first_row > fetch->image.height ||
         band->n_rows > fetch->image.height - band->first_row ||
-        reply->payload_bytes != values * (half ? 2 : 4))
+        reply->payload_bytes < values * (half ? 2 : 4))
         return ls_fail(diag, LS_ERR_INVALID, "the daemon sent rows that do not fit the picture");
     float *to = fetch->image.pixels +
                 (size_t)band->first_row * fetch->image.width * fetch->image.n_channels;
-    uint16_t *halfs = half ? malloc(reply->payload_bytes + 1) : NULL;
+    size_t bytes = values * (half ? 2 : 4);
+    err = ls_pixel_quality_take(&fetch->quality, band, reply->payload, reply->payload_bytes, bytes,
+                                diag);
+    if (err)
+        return err;
+    uint16_t *halfs = half ? malloc(bytes + 1) : NULL;
     if (half && !halfs)
         return ls_fail(diag, LS_ERR_NOMEM, "out of memory");
-    memcpy(half ? (void *)halfs : (void *)to, reply->payload, reply->payload_bytes);
+    memcpy(half ? (void *)halfs : (void *)to, reply->payload, bytes);
     if (half)
         ls_half_to_floats(halfs, to, values);
     free(halfs);
@@ -272,6 +297,8 @@ static enum ls_err send_request(struct fetch *fetch, uint32_t *request)
     body.sample = o->half ? LIGHTSTAGE__SAMPLE__HALF : LIGHTSTAGE__SAMPLE__FLOAT;
     body.full_sphere = o->full_sphere;
     body.camera = o->camera;
+    body.validity = o->validity;
+    body.variance = o->variance;
     enum ls_err err = ls_connection_send(fetch->context->connection, LS_MESSAGE_FETCH, &body.base,
                                          NULL, 0, request, diag);
     free(lights);
@@ -340,6 +367,7 @@ static int fetch_pictures(struct fetch *fetch)
     json_decref(fetch->frames);
     free(fetch->csv);
     ls_image_finish(&fetch->image);
+    ls_pixel_quality_finish(&fetch->quality);
     return err ? ls_command_failed(fetch->context, err) : LS_EXIT_OK;
 }
 
@@ -371,7 +399,11 @@ static int run(struct ls_command_context *context, int argc, char **argv)
     code = ls_take_document_get(context, argv[optind], options.camera, &document);
     if (code)
         return code;
-    struct fetch fetch = {.context = context, .options = &options, .document = document};
+    struct fetch fetch = {
+        .context = context,
+        .options = &options,
+        .document = document,
+        .quality = {.want_variance = options.variance, .want_validity = options.validity}};
     code = fetch_pictures(&fetch);
     ls_take_document_destroy(document);
     return code;
@@ -380,7 +412,7 @@ static int run(struct ls_command_context *context, int argc, char **argv)
 const struct ls_command ls_command_fetch = {
     "fetch", "Pictures of the field as OpenEXR, with a JSON and a CSV list beside them",
     "TAKE --channel NAME --output PREFIX [--lights 0,5,7-9] [--full-sphere]\n" LS_PROMOTION_USAGE
-    "         [--layout mosaic|rgb] [--estimate] [--half]\n"
+    "         [--layout mosaic|rgb] [--estimate] [--half] [--validity] [--variance]\n"
     "         [--region X,Y,WIDTH,HEIGHT] [--camera N] [--json]\n"
     "   or: TAKE --channel NAME --output PREFIX --coefficients harmonics|gradients ...",
     run};

@@ -77,7 +77,7 @@ static enum ls_err write_exr(const struct work *work, uint32_t picture, const ch
     if (rec709)
         ls_exr_attrs_chromaticities(&attrs, "chromaticities", primaries);
     enum ls_err err =
-        ls_picture_file_exr(path, image, LS_EXR_FLOAT, &place, &attrs, &work->context->diag);
+        ls_picture_file_exr(path, image, LS_EXR_FLOAT, &place, NULL, &attrs, &work->context->diag);
     ls_exr_attrs_finish(&attrs);
     return err;
 }

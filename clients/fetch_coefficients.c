@@ -134,7 +134,7 @@ static enum ls_err write_file(struct work *w, const struct coefficient *c)
     enum ls_err err = fill_image(w, &image);
     if (!err)
         err = ls_picture_file_exr(path, &image, w->wanted->half ? LS_EXR_HALF : LS_EXR_FLOAT,
-                                  &place, &attrs, diag_of(w));
+                                  &place, NULL, &attrs, diag_of(w));
     ls_exr_attrs_finish(&attrs);
     ls_image_finish(&image);
     if (!err && json_array_append_new(w->frames,

@@ -5,6 +5,7 @@
 #ifndef LS_CLIENTS_PICTURE_FILE_H
 #define LS_CLIENTS_PICTURE_FILE_H
 
+#include "clients/pixel_quality.h"
 #include "core/error.h"
 #include "core/exr.h"
 #include "core/image.h"
@@ -15,11 +16,12 @@ struct ls_picture_place {
     uint32_t whole_width, whole_height;
 };
 
-LS_MUST_CHECK enum ls_err ls_picture_file_exr(const char *path, const struct ls_image *image,
-                                              enum ls_exr_type type,
-                                              const struct ls_picture_place *place,
-                                              const struct ls_exr_attrs *attrs,
-                                              struct ls_diag *diag);
+/** @quality: parts "validity" (half; omitted where all is ok) and "variance" (float) behind a part
+ * "mosaic", as far as they are there; NULL = none. */
+LS_MUST_CHECK enum ls_err
+ls_picture_file_exr(const char *path, const struct ls_image *image, enum ls_exr_type type,
+                    const struct ls_picture_place *place, const struct ls_pixel_quality *quality,
+                    const struct ls_exr_attrs *attrs, struct ls_diag *diag);
 
 /** @scale: linear values are multiplied by it; 0 = chosen so that the 99th percentile of the
  * largest channel becomes 0.8, and returned in *used (may be NULL). */

@@ -2,6 +2,7 @@
 
 #include "daemon/picture_map.h"
 #include "daemon/picture_region.h"
+#include "daemon/pixel_quality.h"
 #include "daemon/take_facts.h"
 #include "daemon/takedir.h"
 #include "proto/frame.h"
@@ -19,6 +20,7 @@ struct condition_job {
     char take_id[128];
     uint32_t camera;
     bool half;
+    struct ls_pixel_quality quality;
     struct ls_demosaic_region asked, region; /* region: of the picture at hand */
     char **names;
     size_t n_names, at; /* current name */
@@ -98,7 +100,8 @@ static void describe(const struct condition_job *self, uint32_t n_rows,
 }
 
 static enum ls_err read_rows(const struct condition_job *self, uint32_t n_rows,
-                             struct ls_chunk *chunk, struct ls_diag *diag)
+                             struct ls_chunk *chunk, Lightstage__FetchReply *body,
+                             struct ls_diag *diag)
 {
     const struct ls_demosaic_region *r = &self->region;
     chunk->payload_bytes = (size_t)r->width * n_rows * (self->half ? 2 : 4);
@@ -111,6 +114,11 @@ static enum ls_err read_rows(const struct condition_job *self, uint32_t n_rows,
     else
         ls_picture_map_read(&self->map, r->x, r->y + self->row, r->width, n_rows, 1,
                             (float *)(void *)chunk->payload);
+    const struct ls_demosaic_region band = {r->x, r->y + self->row, r->width, n_rows};
+    enum ls_err err =
+        ls_pixel_quality_append(self->quality, &self->map, self->facts, band, 1, chunk, body, diag);
+    if (err)
+        return err;
     if (!ls_picture_map_sound(&self->map) || !ls_picture_map_whole(&self->map))
         return ls_fail(diag, LS_ERR_INVALID, "%s: cut short, removed or unreadable",
                        self->map.path);
@@ -138,10 +146,10 @@ static enum ls_err make_band(struct condition_job *self, struct ls_chunk *chunk,
     uint32_t rows = BAND_BYTES / (4 * self->region.width) + 1,
              left = self->region.height - self->row;
     rows = rows < left ? rows : left;
-    err = read_rows(self, rows, chunk, diag);
+    describe(self, rows, &body);
+    err = read_rows(self, rows, chunk, &body, diag);
     if (err)
         return err;
-    describe(self, rows, &body);
     advance(self, rows);
     *last = self->at == self->n_names;
     return ls_message_frame(LS_MESSAGE_FETCH | LS_MESSAGE_REPLY, self->job.request,
@@ -189,6 +197,7 @@ enum ls_err ls_condition_job_create(uint32_t request, const char *storage,
     snprintf(self->take_id, sizeof self->take_id, "%s", fetch->take);
     self->camera = fetch->camera;
     self->half = fetch->sample == LIGHTSTAGE__SAMPLE__HALF;
+    self->quality = ls_pixel_quality_of(fetch);
     self->asked = ls_picture_region_of(fetch->region);
     self->names = g_new0(char *, fetch->n_conditions + 1);
     self->n_names = fetch->n_conditions;

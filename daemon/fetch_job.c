@@ -4,6 +4,7 @@
 #include "core/promote.h"
 #include "daemon/light_set.h"
 #include "daemon/picture_region.h"
+#include "daemon/pixel_quality.h"
 #include "daemon/render.h"
 #include "daemon/rgb_band.h"
 #include "proto/frame.h"
@@ -22,6 +23,7 @@ struct fetch_job {
     char take[128], channel_name[32];
     uint32_t camera;
     bool started, full_sphere, rgb, estimate, half;
+    struct ls_pixel_quality quality;
     struct ls_demosaic_region region;
     uint32_t *lights;       /* NULL = all, until the first step */
     size_t n_lights, light; /* current index */
@@ -98,6 +100,24 @@ static enum ls_err choose_lights(struct fetch_job *self, struct ls_diag *diag)
     return LS_OK;
 }
 
+/* One picture has a validity and a variance, a sum of several has none. */
+static enum ls_err check_quality(const struct fetch_job *self, struct ls_diag *diag)
+{
+    const struct ls_pixel_quality *q = &self->quality;
+    if ((q->variance || q->validity) && of_several(self))
+        return ls_fail(diag, LS_ERR_UNSUPPORTED,
+                       "fetch: a light of %s is a sum of several pictures of take %s: validity and "
+                       "variance are those of its `conditions`",
+                       self->channel_name, self->take);
+    if (q->variance && coloured(self))
+        return ls_fail(
+            diag, LS_ERR_UNSUPPORTED,
+            "fetch: the gains of %s differ by the camera's colours: ask for the variance "
+            "of the estimate",
+            self->channel_name);
+    return LS_OK;
+}
+
 static enum ls_err start(struct fetch_job *self, struct ls_diag *diag)
 {
     enum ls_err err = self->source ? LS_OK /* it waited for maps */
@@ -114,6 +134,8 @@ static enum ls_err start(struct fetch_job *self, struct ls_diag *diag)
     if (!err && !self->full_sphere)
         err = ls_promotion_find(self->source, &self->promotion, self->channel, &self->job,
                                 &self->way, diag);
+    if (!err)
+        err = check_quality(self, diag);
     if (!err)
         err = choose_lights(self, diag);
     self->started = !err;
@@ -348,6 +370,10 @@ static enum ls_err make_band(struct fetch_job *self, struct ls_chunk *chunk, boo
         ls_promotion_report(self->source, &self->promotion, &self->way, &report);
         body.spectrum = &report;
     }
+    err = ls_pixel_quality_append(self->quality, picture.map, self->source->facts, band,
+                                  picture.gain, chunk, &body, diag);
+    if (err)
+        return err;
     advance(self, &band, last);
     return ls_message_frame(LS_MESSAGE_FETCH | LS_MESSAGE_REPLY, self->job.request,
                             *last ? LS_FRAME_LAST : 0, &body.base, chunk->payload_bytes,
@@ -404,6 +430,8 @@ enum ls_err ls_fetch_job_create(uint32_t request, struct ls_field_cache *cache,
         err = ls_promotion_read(fetch->promotion, fetch->model, &promotion, diag);
     if (!err)
         err = check_promotion(fetch, &promotion, diag);
+    if (!err)
+        err = ls_pixel_quality_check(fetch, diag);
     if (err)
         return err;
     struct fetch_job *self = g_new0(struct fetch_job, 1);
@@ -417,6 +445,7 @@ enum ls_err ls_fetch_job_create(uint32_t request, struct ls_field_cache *cache,
     self->promotion = promotion;
     self->estimate = fetch->quantity == LIGHTSTAGE__QUANTITY__ESTIMATE;
     self->half = fetch->sample == LIGHTSTAGE__SAMPLE__HALF;
+    self->quality = ls_pixel_quality_of(fetch);
     self->region = ls_picture_region_of(fetch->region);
     if (fetch->n_lights > 0) {
         self->lights = g_memdup2(fetch->lights, fetch->n_lights * sizeof *self->lights);

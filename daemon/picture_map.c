@@ -1,6 +1,7 @@
 #include "daemon/picture_map.h"
 
 #include "core/half.h"
+#include "core/merge.h"
 
 #include <errno.h>
 #include <fcntl.h>
@@ -36,10 +37,9 @@ static enum ls_err map_file(struct ls_picture_map *map, const char *path, struct
     return err;
 }
 
-static enum ls_err check(const struct ls_picture_map *map, const char *path, uint32_t width,
+static enum ls_err check(const struct ls_exr_tiles *t, const char *path, uint32_t width,
                          uint32_t height, struct ls_diag *diag)
 {
-    const struct ls_exr_tiles *t = &map->tiles;
     if (t->width != width || t->height != height)
         return ls_fail(diag, LS_ERR_INVALID, "%s: %u x %u pixels, expected %u x %u", path, t->width,
                        t->height, width, height);
@@ -64,7 +64,7 @@ enum ls_err ls_picture_map_open(struct ls_picture_map *map, const char *folder, 
     if (err)
         ls_fail(diag, err, "%.300s: %.200s", path, inner.text);
     else
-        err = check(map, path, width, height, diag);
+        err = check(&map->tiles, path, width, height, diag);
     if (!ls_picture_map_sound(map))
         err = ls_fail(diag, LS_ERR_INVALID, "%s: cannot be read to its end", path);
     if (err)
@@ -100,16 +100,74 @@ static struct run run_at(const struct ls_exr_tiles *t, uint32_t x, uint32_t y, u
                         .n = left < end - x ? left : end - x};
 }
 
-void ls_picture_map_read_half(const struct ls_picture_map *map, uint32_t x, uint32_t y,
-                              uint32_t width, uint32_t height, uint16_t *out)
+static void read_halfs(const struct ls_exr_tiles *tiles, uint32_t x, uint32_t y, uint32_t width,
+                       uint32_t height, uint16_t *out)
 {
     for (uint32_t row = y; row < y + height; row++)
         for (uint32_t col = x; col < x + width;) {
-            struct run run = run_at(&map->tiles, col, row, x + width);
+            struct run run = run_at(tiles, col, row, x + width);
             memcpy(out, run.halfs, 2 * (size_t)run.n);
             out += run.n;
             col += run.n;
         }
+}
+
+void ls_picture_map_read_half(const struct ls_picture_map *map, uint32_t x, uint32_t y,
+                              uint32_t width, uint32_t height, uint16_t *out)
+{
+    read_halfs(&map->tiles, x, y, width, height, out);
+}
+
+/* The number a half says, or -1. */
+static int validity_of(uint16_t half)
+{
+    static const uint16_t halfs[] = {[LS_VALIDITY_OK] = 0,
+                                     [LS_VALIDITY_SATURATED] = 0x3c00,
+                                     [LS_VALIDITY_DARK] = 0x4000,
+                                     [LS_VALIDITY_GAP] = 0x4200};
+    for (int v = LS_VALIDITY_OK; v <= LS_VALIDITY_GAP; v++)
+        if (half == halfs[v])
+            return v;
+    return -1;
+}
+
+static enum ls_err read_validity(const struct ls_exr_tiles *tiles, uint32_t x, uint32_t y,
+                                 uint32_t width, uint32_t height, uint8_t *out,
+                                 struct ls_diag *diag)
+{
+    g_autofree uint16_t *row = g_try_new(uint16_t, width);
+    if (!row)
+        return ls_fail(diag, LS_ERR_NOMEM, "out of memory");
+    for (uint32_t j = 0; j < height; j++) {
+        read_halfs(tiles, x, y + j, width, 1, row);
+        for (uint32_t i = 0; i < width; i++) {
+            int v = validity_of(row[i]);
+            if (v < 0)
+                return ls_fail(diag, LS_ERR_INVALID, "its validity at pixel %u, %u is no validity",
+                               x + i, y + j);
+            *out++ = (uint8_t)v;
+        }
+    }
+    return LS_OK;
+}
+
+enum ls_err ls_picture_map_validity(const struct ls_picture_map *map, uint32_t x, uint32_t y,
+                                    uint32_t width, uint32_t height, uint8_t *out,
+                                    struct ls_diag *diag)
+{
+    struct ls_exr_tiles tiles;
+    struct ls_diag inner = {0};
+    enum ls_err err = ls_exr_map_tiles(map->base, map->bytes, "validity", &tiles, &inner);
+    if (err == LS_ERR_NOT_FOUND) {
+        memset(out, LS_VALIDITY_OK, (size_t)width * height);
+        return LS_OK;
+    }
+    if (!err)
+        err = check(&tiles, "validity", map->tiles.width, map->tiles.height, &inner);
+    if (!err)
+        err = read_validity(&tiles, x, y, width, height, out, &inner);
+    ls_exr_tiles_finish(&tiles);
+    return err ? ls_fail(diag, err, "%.300s: %.200s", map->path, inner.text) : LS_OK;
 }
 
 void ls_picture_map_read(const struct ls_picture_map *map, uint32_t x, uint32_t y, uint32_t width,

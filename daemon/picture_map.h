@@ -24,19 +24,19 @@ struct ls_picture_map {
 
 /**
  * Map @folder/@file, which must be a picture of @width x @height halves in 64 x 64 tiles. Errors:
- * LS_ERR_INVALID (gone, unreadable or not what was published: the take is damaged), LS_ERR_OS, those
- * of ls_exr_map_tiles.
+ * LS_ERR_INVALID (gone, unreadable or not what was published: the take is damaged), LS_ERR_OS,
+ * those of ls_exr_map_tiles.
  */
 LS_MUST_CHECK enum ls_err ls_picture_map_open(struct ls_picture_map *map, const char *folder,
                                               const char *file, uint32_t width, uint32_t height,
                                               struct ls_diag *diag);
 
-/** Could all that was read so far be read? False once a page was missing under the mapping (the file
- * was cut short, the disk failed): zeros were read in its place. */
+/** Could all that was read so far be read? False once a page was missing under the mapping (the
+ * file was cut short, the disk failed): zeros were read in its place. */
 bool ls_picture_map_sound(const struct ls_picture_map *map);
 
-/** Is the file still there, as long as when it was mapped? Looks at the folder, not at the pages: it
- * also sees a file cut within its last page. */
+/** Is the file still there, as long as when it was mapped? Looks at the folder, not at the pages:
+ * it also sees a file cut within its last page. */
 bool ls_picture_map_whole(const struct ls_picture_map *map);
 
 /** Copy pixels [x, x + width) x [y, y + height), inside the picture, times @gain. Row stride
@@ -47,6 +47,12 @@ void ls_picture_map_read(const struct ls_picture_map *map, uint32_t x, uint32_t 
 /** As ls_picture_map_read, the stored bits. */
 void ls_picture_map_read_half(const struct ls_picture_map *map, uint32_t x, uint32_t y,
                               uint32_t width, uint32_t height, uint16_t *out);
+
+/** The validity (core/merge.h) of the same pixels, a byte each: all ok where the file has no such
+ * part. LS_ERR_INVALID: it is not of this picture, or its values are no validity; LS_ERR_NOMEM. */
+LS_MUST_CHECK enum ls_err ls_picture_map_validity(const struct ls_picture_map *map, uint32_t x,
+                                                  uint32_t y, uint32_t width, uint32_t height,
+                                                  uint8_t *out, struct ls_diag *diag);
 
 /** Zeroed is allowed. */
 void ls_picture_map_finish(struct ls_picture_map *map);

@@ -74,6 +74,11 @@ static enum ls_err read_channels(struct ls_take_facts *facts, const json_t *rig,
     return LS_OK;
 }
 
+static double number_or_nan(const json_t *value)
+{
+    return json_is_number(value) ? json_number_value(value) : NAN;
+}
+
 static enum ls_err read_camera(struct ls_take_facts *facts, const json_t *rig, uint32_t camera,
                                struct ls_diag *diag)
 {
@@ -92,6 +97,9 @@ static enum ls_err read_camera(struct ls_take_facts *facts, const json_t *rig, u
     facts->full_scale_dn = json_number_value(json_object_get(item, "full_scale_dn"));
     facts->electrons_per_dn = json_number_value(json_object_get(item, "electrons_per_dn"));
     facts->read_noise_dn = json_number_value(json_object_get(item, "read_noise_dn"));
+    facts->black_dn = number_or_nan(json_object_get(item, "black_dn"));
+    facts->range_low = number_or_nan(json_array_get(json_object_get(item, "range"), 0));
+    facts->range_high = number_or_nan(json_array_get(json_object_get(item, "range"), 1));
     if (!(facts->full_scale_dn > 0) || !(facts->electrons_per_dn > 0) ||
         !(facts->read_noise_dn >= 0))
         return wrong(diag, "rig.cameras", "positive full_scale_dn, electrons_per_dn");

@@ -55,7 +55,8 @@ struct ls_take_facts {
     float camera_position_m[3]; /* zero where the take does not say */
     enum ls_cfa cfa;
     double full_scale_dn, electrons_per_dn, read_noise_dn;
-    struct ls_calibration *calibration; /* NULL: none was given */
+    double black_dn, range_low, range_high; /* NAN where the take does not say */
+    struct ls_calibration *calibration;     /* NULL: none was given */
 };
 
 /**

@@ -298,7 +298,7 @@ static char *captured_folder(const struct ls_calibration *cal, double scale, uin
     g_assert_cmpint(ls_image_init(&image, BALL, BALL, 3, SIZE_MAX, NULL), ==, LS_OK);
     for (uint32_t i = 0; i < BALL * BALL * 3; i++)
         image.pixels[i] = 0.5f * 2 * cal->L[i % 3 * cal->n_channels + 1];
-    g_assert_cmpint(ls_picture_file_exr(ball, &image, LS_EXR_FLOAT, &place, &attrs, NULL), ==,
+    g_assert_cmpint(ls_picture_file_exr(ball, &image, LS_EXR_FLOAT, &place, NULL, &attrs, NULL), ==,
                     LS_OK);
     ls_image_finish(&image);
     ls_exr_attrs_finish(&attrs);

@@ -2,6 +2,7 @@
 
 #include "core/envlights.h"
 #include "core/half.h"
+#include "core/merge.h"
 #include "daemon/store.h"
 
 #include <jansson.h>
@@ -12,7 +13,7 @@
 
 enum { CHANNELS = 3, COLOURS = 3, SAMPLES = 81 };
 static const char *const names[CHANNELS] = {"W", "R", "V"};
-static const double reference_s = 0.01, exposures_s[2] = {0.002, 0.01};
+static const double reference_s = TAKE_REFERENCE_S, exposures_s[2] = {TAKE_SHORT_S, TAKE_LONG_S};
 
 /* ---- calibration ---- */
 
@@ -187,10 +188,11 @@ static json_t *cameras_json(uint32_t n)
 {
     json_t *list = json_array();
     for (uint32_t i = 0; i < n; i++)
-        json_array_append_new(
-            list, json_pack("{sssssisisfsfsf}", "name", i ? "side" : "front", "pixel_format",
-                            "BayerRG12", "width", TAKE_W, "height", TAKE_H, "full_scale_dn", 4095.0,
-                            "electrons_per_dn", 10.0, "read_noise_dn", 2.0));
+        json_array_append_new(list, json_pack("{sssssisisfsfsfsfs[ff]}", "name",
+                                              i ? "side" : "front", "pixel_format", "BayerRG12",
+                                              "width", TAKE_W, "height", TAKE_H, "full_scale_dn",
+                                              4095.0, "electrons_per_dn", 10.0, "read_noise_dn",
+                                              2.0, "black_dn", 64.0, "range", 0.1, 0.85));
     return list;
 }
 
@@ -253,14 +255,30 @@ static void make_pixels(struct made_take *take)
     g_rand_free(random);
 }
 
-static void publish(struct ls_store *store, uint32_t camera, const char *id, const float *pixels)
+uint8_t made_validity(int light, int pixel)
+{
+    if (light != TAKE_FLAGGED)
+        return LS_VALIDITY_OK;
+    return pixel % 7 == 0    ? LS_VALIDITY_SATURATED
+           : pixel % 53 == 0 ? LS_VALIDITY_GAP
+           : pixel % 5 == 0  ? LS_VALIDITY_DARK
+                             : LS_VALIDITY_OK;
+}
+
+static void publish(struct ls_store *store, uint32_t camera, const char *id, int light,
+                    const float *pixels)
 {
     uint16_t *half = g_new(uint16_t, TAKE_PIXELS);
+    uint8_t *validity = g_new(uint8_t, TAKE_PIXELS);
+    for (int p = 0; p < TAKE_PIXELS; p++)
+        validity[p] = made_validity(light, p);
     ls_half_from_floats(pixels, half, TAKE_PIXELS);
-    struct ls_store_picture picture = {.condition = id,
-                                       .camera = camera,
-                                       .mosaic = {.width = TAKE_W, .height = TAKE_H, .half = half}};
+    struct ls_store_picture picture = {
+        .condition = id,
+        .camera = camera,
+        .mosaic = {.width = TAKE_W, .height = TAKE_H, .half = half, .validity = validity}};
     g_assert_cmpint(ls_store_publish(store, &picture, NULL), ==, LS_OK);
+    g_free(validity);
     g_free(half);
 }
 
@@ -290,10 +308,10 @@ static void publish_all(struct made_take *take, struct ls_store *store, uint32_t
         char id[16];
         snprintf(id, sizeof id, "W-%04d", i);
         if (i != missing)
-            publish(store, camera, id, take->light[(i + (int)camera) % TAKE_LIGHTS]);
+            publish(store, camera, id, i, take->light[(i + (int)camera) % TAKE_LIGHTS]);
     }
-    publish(store, camera, "sphere-R", take->sphere_r);
-    publish(store, camera, "sphere-W", take->light[0]);
+    publish(store, camera, "sphere-R", -1, take->sphere_r);
+    publish(store, camera, "sphere-W", -1, take->light[0]);
 }
 
 static void write_take(struct made_take *take, const char *storage, const char *json,

@@ -17,6 +17,11 @@
 
 enum { TAKE_W = 150, TAKE_H = 140, TAKE_LIGHTS = 7, TAKE_PIXELS = TAKE_W * TAKE_H };
 enum { TAKE_LEVEL = 728, TAKE_PATCHES = 6 };
+#define TAKE_SHORT_S 0.002
+#define TAKE_LONG_S 0.01
+#define TAKE_REFERENCE_S 0.01
+
+enum { TAKE_FLAGGED = 2 }; /* the light whose picture has pixels of every validity */
 
 struct made_take {
     char *id;
@@ -41,6 +46,9 @@ char *take_json_text(const struct ls_calibration *calibration, uint32_t n_camera
 
 /** Gaussian spectra, a chart, L consistent with them. (transfer full). */
 struct ls_calibration *made_calibration(void);
+
+/** enum ls_validity of a pixel of a light's picture. */
+uint8_t made_validity(int light, int pixel);
 
 /** The calibration's LED spectrum of channel @c at @nm. */
 double made_spectrum(int c, double nm);

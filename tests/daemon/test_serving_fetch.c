@@ -1,5 +1,6 @@
 /* serving: what is fetched of a take over the wire is what core makes of its pictures. */
 #include "core/half.h"
+#include "core/merge_variance.h"
 #include "proto/errors.h"
 #include "tests/daemon/serving_fixture.h"
 
@@ -138,6 +139,121 @@ static void a_full_sphere_needs_its_calibrated_duty(struct hall *hall, gconstpoi
     g_free(expected);
 }
 
+/* ---- validity and variance ---- */
+
+/* A region that no tile, band or colour starts with, and two bands high. */
+enum { QX = 37, QY = 61, QW = 101, QH = 70, QN = QW * QH };
+
+/* What came of some pictures, put together from their bands. */
+struct quality {
+    uint32_t n; /* pictures */
+    float e[2][QN], variance[2][QN];
+    uint8_t validity[2][QN];
+};
+
+static void put_band(struct quality *q, const struct ls_reply *reply)
+{
+    const Lightstage__FetchReply *band = (const Lightstage__FetchReply *)reply->message;
+    size_t n = (size_t)band->width * band->n_rows, at = (size_t)band->first_row * QW;
+    g_assert_cmpuint(reply->payload_bytes, ==, n * (2 * sizeof(float) + 1));
+    g_assert_cmpuint(band->width, ==, QW);
+    g_assert_true(band->variance && band->validity);
+    memcpy(q->e[q->n] + at, reply->payload, n * 4);
+    memcpy(q->variance[q->n] + at, reply->payload + n * 4, n * 4);
+    memcpy(q->validity[q->n] + at, reply->payload + n * 8, n);
+    q->n += band->first_row + band->n_rows == QH;
+}
+
+static struct quality *receive_quality(struct hall *hall, const Lightstage__Fetch *fetch)
+{
+    struct quality *q = g_new0(struct quality, 1);
+    uint32_t request = send_request(hall, LS_MESSAGE_FETCH, &fetch->base, NULL, 0);
+    for (bool last = false; !last;) {
+        struct ls_reply reply;
+        g_assert_cmpint(ls_connection_receive(hall->client, request, &reply, NULL), ==, LS_OK);
+        put_band(q, &reply);
+        last = reply.last;
+        ls_reply_finish(&reply);
+    }
+    return q;
+}
+
+/* @gain: of the values sent. The numbers are those of the take's take.json. */
+static void check_quality(const struct quality *q, int k, int light, double gain)
+{
+    const struct ls_merge_params params = {.n_exposures = 2,
+                                           .exposure_s = {TAKE_SHORT_S, TAKE_LONG_S},
+                                           .range_low = 0.1,
+                                           .range_high = 0.85,
+                                           .full_scale_dn = 4095,
+                                           .electrons_per_dn = 10,
+                                           .read_noise_dn = 2};
+    double unit = gain * TAKE_REFERENCE_S;
+    int flagged = 0;
+    for (int p = 0; p < QN; p++) {
+        float e = (float)((double)q->e[k][p] / unit), variance;
+        int pixel = (QY + p / QW) * TAKE_W + QX + p % QW;
+        ls_merge_variance(&params, 64, &e, 1, &variance);
+        /* float arithmetic in another order; no value lies at an edge of the range */
+        g_assert_cmpfloat_with_epsilon((double)q->variance[k][p] / (unit * unit * (double)variance),
+                                       1, 1e-5);
+        g_assert_cmpuint(q->validity[k][p], ==, made_validity(light, pixel));
+        flagged += q->validity[k][p] != LS_VALIDITY_OK;
+    }
+    g_assert_true((flagged > 0) == (light == TAKE_FLAGGED));
+}
+
+static void validity_and_variance_come_with_the_pixels(struct hall *hall, gconstpointer data)
+{
+    Lightstage__Fetch fetch;
+    Lightstage__Region region = LIGHTSTAGE__REGION__INIT;
+    uint32_t lights[2] = {TAKE_FLAGGED, 5};
+    static char first[] = "W-0002", second[] = "W-0005", none[] = "";
+    char *names[] = {first, second};
+    const struct made_take *take = hall->take;
+    a_fetch(&fetch, hall);
+    region.x = QX;
+    region.y = QY;
+    region.width = QW;
+    region.height = QH;
+    fetch.region = &region;
+    fetch.lights = lights;
+    fetch.n_lights = 2;
+    fetch.variance = fetch.validity = true;
+    struct quality *gained = receive_quality(hall, &fetch);
+    for (int k = 0; k < 2; k++)
+        check_quality(gained, k, (int)lights[k], take->scale * take->k[0][lights[k]]);
+    g_free(gained);
+    fetch.quantity = LIGHTSTAGE__QUANTITY__ESTIMATE;
+    struct quality *stored = receive_quality(hall, &fetch);
+    for (int k = 0; k < 2; k++)
+        check_quality(stored, k, (int)lights[k], 1);
+    fetch.channel = none;
+    fetch.n_lights = 0;
+    fetch.conditions = names;
+    fetch.n_conditions = 2;
+    struct quality *named = receive_quality(hall, &fetch);
+    g_assert_cmpmem(named, sizeof *named, stored, sizeof *stored);
+    g_free(named);
+    g_free(stored);
+}
+
+static void what_is_made_of_several_pixels_has_no_validity(struct hall *hall, gconstpointer data)
+{
+    Lightstage__Fetch fetch;
+    uint32_t number;
+    a_fetch(&fetch, hall);
+    fetch.layout = LIGHTSTAGE__LAYOUT__RGB;
+    for (int k = 0; k < 2; k++) {
+        fetch.variance = k == 0;
+        fetch.validity = k == 1;
+        char *text = refusal_of_fetch(hall, &fetch, &number);
+        g_assert_cmpuint(number, ==, LS_PROTO_UNSUPPORTED);
+        g_assert_nonnull(strstr(text, "ask for the mosaic"));
+        g_free(text);
+    }
+}
+
 /* Room that takes may not use is not for maps either; what needs none is served. */
 static void maps_leave_the_reserve_free(struct hall *hall, gconstpointer data)
 {
@@ -183,6 +299,10 @@ int main(int argc, char **argv)
     ADD("a-picture-outside-the-plan-is-not-called-missing", with_take,
         a_picture_outside_the_plan_is_not_called_missing);
     ADD("all-lights-come-when-none-is-named", with_take, all_lights_come_when_none_is_named);
+    ADD("validity-and-variance-come-with-the-pixels", with_take,
+        validity_and_variance_come_with_the_pixels);
+    ADD("what-is-made-of-several-pixels-has-no-validity", with_take,
+        what_is_made_of_several_pixels_has_no_validity);
     ADD("maps-leave-the-reserve-free", with_take_on_a_full_disk, maps_leave_the_reserve_free);
     ADD("a-full-sphere-needs-its-calibrated-duty", with_take,
         a_full_sphere_needs_its_calibrated_duty);

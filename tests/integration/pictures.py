@@ -29,16 +29,24 @@ def channels(value):
     return found
 
 
-def read(path):
-    """The first part as float64 (height, width, channels): R G B, or Y."""
+def read(path, part=None):
+    """A part (the first) as float64 (height, width, channels): R G B, or Y; None if it is not there."""
     with open(path, "rb") as file:
         data = file.read()
     _, version = struct.unpack_from("<II", data)
     parts = bool(version & 0x1000)
     head, at = header(data, 8)
+    heads = [head]
     while parts and data[at]:
-        at = header(data, at)[1]
+        head, at = header(data, at)
+        heads.append(head)
     at += parts
+    for head in heads:
+        if part is None or head.get("name", ("", b""))[1] == part.encode():
+            break
+        at += 8 * struct.unpack("<i", head["chunkCount"][1])[0]
+    else:
+        return None
     assert head["compression"][1] == b"\0", "compressed"
     x0, y0, x1, y1 = struct.unpack("<4i", head["dataWindow"][1])
     width, height = x1 - x0 + 1, y1 - y0 + 1

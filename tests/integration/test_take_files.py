@@ -178,4 +178,41 @@ def test_a_region_at_odd_offsets_is_the_crop_of_the_whole(folder):
     assert np.array_equal(crop, whole[65:136, 33:94])
 
 
+def told_variance(e, camera, exposures):
+    """Variance of E by method: 1 / sum t^2 / sigma^2 over the exposures in range, else of the longest
+    that is not too bright, else of the shortest."""
+    t, full = np.sort(exposures)[:, None], camera["full_scale_dn"]
+    expected = camera["black_dn"] + e * full * t
+    low, high = (limit * full for limit in camera["range"])
+    sigma2 = (camera["read_noise_dn"] ** 2 + 1 / 12 +
+              np.maximum(e * full * t, 0) / camera["electrons_per_dn"])
+    each = sigma2 / t ** 2 / full ** 2
+    within = (expected >= low) & (expected <= high)
+    longest = np.maximum((expected <= high).sum(axis=0) - 1, 0)
+    with np.errstate(divide="ignore"):
+        return np.where(within.any(axis=0), 1 / np.sum(within / each, axis=0),
+                        np.take_along_axis(each, longest[None], 0)[0])
+
+
+def test_validity_and_variance_are_those_of_the_stored_picture(folder):
+    """Of one light: no part may be exchanged, shifted or of another exposure."""
+    rig, take, files = taken(folder, size=144)
+    out = rig.path("known")
+    said = json.loads(rig.control("fetch", take, "--channel", "W", "--lights", "5", "--estimate",
+                                  "--validity", "--variance", "--output", out, "--json"))
+    fetched, stored = out + ".0006.exr", os.path.join(files, "cam0", "W-0005.exr")
+    document = json.loads(harness.stage.read(os.path.join(files, "take.json")))
+    camera, reference = document["rig"]["cameras"][0], document["reference_exposure_s"]
+    values = pictures.read(fetched)
+    assert np.array_equal(values, pictures.read(stored))
+    validity = pictures.read(stored, "validity")
+    assert np.array_equal(pictures.read(fetched, "validity"), validity)
+    dark = int(np.sum(validity == 2))
+    assert 0 < dark < validity.size, "a picture that is neither dark nor bright everywhere"
+    assert said["frames"][0]["validity"]["dark"] == dark
+    variance = pictures.read(fetched, "variance").ravel()
+    true = told_variance(values.ravel() / reference, camera, np.array(document["exposure_s"]))
+    assert np.allclose(variance, true * reference ** 2, rtol=1e-5, atol=0)  # float32
+
+
 harness.main(globals())
