@@ -228,6 +228,16 @@ static enum ls_err fill_camera(const struct sim_scene *scene, uint32_t camera,
     return fill_table(rows, c->n_colours, &out->sensitivity);
 }
 
+/* As the chrome ball shows it under white. */
+static void fill_mirror(const struct sim_scene *scene, uint32_t camera, struct ls_calibration *c)
+{
+    const struct sim_response *r = &scene->response[camera];
+    c->has_mirror = true;
+    for (uint32_t k = 0; k < c->n_colours; k++)
+        c->mirror_reflectivity[k] = (double)(sim_response_of(r, 0, k, SIM_MAT_CHROME) /
+                                             sim_response_of(r, 0, k, SIM_MAT_FLAT));
+}
+
 /* Least squares over the chart in daylight: what the camera reads against linear Rec. 709. */
 static enum ls_err fill_matrix(const struct sim_scene *scene, uint32_t camera,
                                struct ls_calibration *c, struct ls_diag *diag)
@@ -265,6 +275,7 @@ static enum ls_err fill(const struct sim_scene *scene, uint32_t camera,
         return ls_fail(diag, LS_ERR_NOMEM, "out of memory for a calibration");
     if (scene->kind == SIM_WORLD_REPLAY)
         return LS_OK;
+    fill_mirror(scene, camera, c);
     if (fill_chart(scene, camera, c))
         return ls_fail(diag, LS_ERR_NOMEM, "out of memory for a calibration");
     return c->n_colours == 3 ? fill_matrix(scene, camera, c, diag) : LS_OK;

@@ -53,7 +53,8 @@ def test_the_demo_says_ok_and_leaves_nothing_behind(folder):
 
 CALIBRATION_KEYS = ["calibrate_seconds", "k_lights", "k_error_percent", "k_worst_percent",
                     "k_within_sigma_percent", "k_within_sigma_by_channel", "k_common_error_sigma",
-                    "direction_error_deg", "chrome_direction_error_deg", "droop_error_percent",
+                    "direction_error_deg", "direction_worst_deg", "chrome_direction_error_deg",
+                    "droop_error_percent",
                     "droop_error_by_pattern", "p_error_percent",
                     "scale_error_percent", "mirror_reflectivity", "polarisation_error",
                     "polarisation_lights"]
@@ -63,18 +64,20 @@ def test_the_demo_measures_its_own_calibration(folder):
     if "LS_TEST_FULL" not in os.environ:
         raise harness.Skip("two minutes; LS_TEST_FULL runs it, and test_calibrate what it is made of")
     numbers = os.path.join(folder, "numbers.json")
-    done = demo(folder, "--size", "256", "--calibrate", "--json", numbers)
+    done = demo(folder, "--size", "256", "--spread", "0.1", "--calibrate", "--json", numbers)
     assert done.returncode == 0, done.stdout + done.stderr
     with open(numbers, encoding="utf-8") as file:
         result = json.load(file)
     assert sorted(result) == sorted(KEYS + CALIBRATION_KEYS), sorted(result)
     assert result["calibration"] == "measured", result
+    table = done.stdout.split("calibration  ")[1].split("\n==")[0].splitlines()[1:]
+    assert len(table) == 18 and all(line.endswith("ok") for line in table[1:]), done.stdout
     assert not left_behind(folder), left_behind(folder)
 
 
 def test_the_demo_refuses_what_it_does_not_know(folder):
     for arguments in (["--size", "63"], ["--size", "many"], ["--sise", "512"],
-                      ["--size", "252", "--calibrate"]):
+                      ["--size", "252", "--calibrate"], ["--spread", "0.3"]):
         done = demo(folder, *arguments)
         assert done.returncode == 2 and "usage" in done.stderr, (arguments, done)
 
