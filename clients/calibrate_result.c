@@ -31,6 +31,12 @@ static enum ls_err check_base(const struct ls_calibrate_measured *m,
                 "the base calibration's channel %u is %s, the rig's %s: give the base of this "
                 "rig, or none",
                 c, base->channels[c].name, d->channels[c].name);
+    if (strcmp(base->camera.pixel_format, m->grey_take->pixel_format))
+        return ls_fail(
+            diag, LS_ERR_MISMATCH,
+            "the base calibration's camera constants are of %s, the take is in %s: give the base "
+            "of this camera, or none",
+            base->camera.pixel_format, m->grey_take->pixel_format);
     return LS_OK;
 }
 

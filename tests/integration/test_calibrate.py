@@ -230,6 +230,11 @@ def test_a_second_camera_sees_lights_that_the_first_does_not(folder):
     assert flagged[1] < flagged[0], flagged
     code, _, err = calibrate(rig, "--grey", status["id"], "--camera", "0,2")
     takes.says(err, "camera 2", "the take has cameras 0 to 1")
+    truth["camera"]["pixel_format"] = "BayerRG8"
+    stage.write(rig.path("base.json"), json.dumps(truth))
+    code, _, err = calibrate(rig, "--grey", status["id"], "--base", rig.path("base.json"))
+    assert code, err
+    takes.says(err, "of BayerRG8, the take is in BayerRG12", "base of this camera")
 
 
 def test_nobody_to_answer_is_said(folder):
