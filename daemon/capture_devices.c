@@ -96,6 +96,10 @@ void ls_capture_describe(struct ls_capture *c)
     c->sequencer.controller = &c->warm_up.controller;
     c->sequencer.stepwise = c->stepwise;
     c->sequencer.live = plan->subject == LS_SUBJECT_LIVE;
+    c->sequencer.config = c->setup.config;
+    ls_flashing_init(&c->flashing, plan, c->setup.config, ls_lights_info(c->setup.lights));
+    if (c->sequencer.live && !plan->allow_flashing)
+        c->sequencer.flashing = &c->flashing;
     c->sequencer.stall_us = STALL_US + longest_step_us(plan);
 }
 

@@ -38,6 +38,7 @@ struct ls_capture {
     struct ls_merge_stage *merge;
     struct ls_sequencer sequencer;
     sem_t heard;
+    struct ls_flashing flashing; /* what a live subject has seen */
     struct ls_warm_up warm_up;
     struct ls_pass pass;
     uint8_t *wanted;         /* per plan step */

@@ -3,6 +3,7 @@
 #include "core/exr.h"
 #include "core/merge.h"
 #include "core/multiplex.h"
+#include "daemon/flashing.h"
 
 #include <math.h>
 #include <stdarg.h>
@@ -16,8 +17,6 @@ enum {
     PUBLISHED_BYTES = 512,
     DOCUMENT_BYTES = 8 << 20, /* take.json, twice */
     MAX_PATTERN_WARNINGS = 8,
-    FLASH_LOW_HZ = 3, /* visible flashing of a live subject */
-    FLASH_HIGH_HZ = 30,
     HOLD_MARGIN_US = 100000, /* from lit to exposing and from exposed to received, host included */
 };
 
@@ -114,30 +113,16 @@ static enum ls_err check_hold(const struct ls_preflight_input *in, struct ls_dia
     return LS_OK;
 }
 
-static bool flashes(double hz)
+/* Is a camera driven one step at a time? As capture_devices.c has it. */
+static bool is_stepwise(const struct ls_preflight_input *in)
 {
-    return hz >= FLASH_LOW_HZ && hz <= FLASH_HIGH_HZ;
-}
-
-/* A live subject sees each pulse, and each change from one condition to the next. */
-static enum ls_err check_flashing(const struct ls_preflight_input *in, struct ls_diag *diag)
-{
-    const struct ls_plan *p = in->plan;
-    if (p->subject != LS_SUBJECT_LIVE || p->allow_flashing)
-        return LS_OK;
-    double pulse_hz = 1e6 / p->period_us, change_hz = pulse_hz / p->n_exposures;
-    if (flashes(pulse_hz))
-        return ls_fail(diag, LS_ERR_REFUSED,
-                       "a live subject would see pulses at %.1f Hz: between %d and %d Hz is "
-                       "dangerous; shorten exposures or period, or set allow_flashing = true",
-                       pulse_hz, FLASH_LOW_HZ, FLASH_HIGH_HZ);
-    if (flashes(change_hz))
-        return ls_fail(diag, LS_ERR_REFUSED,
-                       "a live subject would see lights change at %.1f Hz (%u exposures at %.1f "
-                       "Hz): between %d and %d Hz is dangerous; use fewer exposures, or set "
-                       "allow_flashing = true",
-                       change_hz, p->n_exposures, pulse_hz, FLASH_LOW_HZ, FLASH_HIGH_HZ);
-    return LS_OK;
+    for (uint32_t k = 0; k < in->config->n_cameras; k++) {
+        const struct ls_camera_config *c = &in->config->cameras[k].driver;
+        if (!in->cameras[k]->tick_hz || c->trigger == LS_TRIGGER_SOFTWARE ||
+            (c->exposure == LS_EXPOSURE_TIMED && in->plan->n_exposures > 1))
+            return true;
+    }
+    return false;
 }
 
 static bool is_done(const struct ls_preflight_input *in, uint32_t condition)
@@ -297,7 +282,7 @@ enum ls_err ls_preflight_check(const struct ls_preflight_input *in, struct ls_pr
     if (!err)
         err = check_hold(in, diag);
     if (!err)
-        err = check_flashing(in, diag);
+        err = ls_flashing_check(in->plan, in->config, in->lights, is_stepwise(in), diag);
     if (err)
         return err;
     warn_of_darks(in, out);

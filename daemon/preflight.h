@@ -26,7 +26,7 @@ struct ls_preflight_input {
  *   LS_ERR_LIMIT    duty, current, period, pulse or memory of the controller (ls_lights_test);
  *                   its longest hold, of a camera triggered by software
  *   LS_ERR_INVALID  rig and controller disagree, or the bracket leaves gaps
- *   LS_ERR_REFUSED  a live subject would see flashes of 3 to 30 Hz and allow_flashing is not set
+ *   LS_ERR_REFUSED  a live subject would see flashes (daemon/flashing.h) and allow_flashing is not set
  *   LS_ERR_FULL     the take would not fit the disk
  * Warnings do not refuse: uncalibrated patterns, settings a camera cannot prove, few darks; and
  * what multiplexing gains and loses.

@@ -31,6 +31,7 @@ struct run {
     uint64_t compared_ns;               /* host time of the clock's newest pair */
     double timed_us[LS_MAX_CAMERAS][2]; /* exposure register, of even and odd steps: a held step's
                                            event comes when the next one's is already written */
+    struct ls_flash_found flash;        /* hz > 0: a live subject saw it */
     enum ls_err err, dark_err;          /* of the program; of the blank after it */
     struct ls_diag dark;
 };
@@ -98,6 +99,17 @@ static bool ended_early(const struct run *run, uint32_t step)
            !run->released;
 }
 
+/* What a live subject must not see although the plan did not say so: pulses that came late. */
+static enum ls_err watch_flashing(struct run *run, const struct ls_step_event *event)
+{
+    const struct ls_step *step = &run->program->steps[event->step];
+    if (run->seq->flashing &&
+        ls_flashing_pulse(run->seq->flashing, event->us, event->width_us,
+                          &run->program->conditions[step->condition], &run->flash))
+        return LS_ERR_REFUSED;
+    return LS_OK;
+}
+
 static enum ls_err pass_on(struct run *run, const struct ls_step_event *event)
 {
     struct ls_camera_message message = {.kind = LS_CAMERA_FIRED, .event = *event};
@@ -118,7 +130,7 @@ static enum ls_err pass_on(struct run *run, const struct ls_step_event *event)
         if (!tell_camera(run, i, &message))
             return LS_ERR_BUG;
     }
-    return LS_OK;
+    return watch_flashing(run, event);
 }
 
 static void compare_clocks(struct run *run)
@@ -453,7 +465,15 @@ static void explain(struct run *run)
     char faults[160];
     const char *dark = run->dark_err ? "" : "LEDs are dark; ";
     uint32_t step = run->seen;
-    if (run->err == LS_ERR_REFUSED && run->status.state == LS_LIGHTS_FAULT) {
+    if (run->flash.hz > 0) {
+        char what[96];
+        ls_flashing_describe(&run->flash, run->seq->config, what, sizeof what);
+        ls_fail(
+            run->diag, run->err,
+            "the live subject saw %s at step %u, more than %d flashes a second: %sfind out what "
+            "delays the controller, then resume the take",
+            what, step, LS_FLASHES_PER_SECOND, dark);
+    } else if (run->err == LS_ERR_REFUSED && run->status.state == LS_LIGHTS_FAULT) {
         ls_sequencer_fault_names(run->status.faults, faults, sizeof faults);
         ls_fail(run->diag, run->err,
                 "the light controller stopped at step %u and latched a fault (%s): clear its "
@@ -512,11 +532,13 @@ enum ls_err ls_sequencer_run(struct ls_sequencer *sequencer, const struct ls_pro
     for (uint32_t i = 0; i < sequencer->n_cameras; i++)
         run.timed_us[i][0] = run.timed_us[i][1] = sequencer->cameras[i].exposure_us;
     ls_credit_init(&run.credit, program->n_steps, slots, sequencer->live, program->period_us);
+    run.credit.started_ns = sequencer->burst_ns;
     pthread_t thread;
     if (pthread_create(&thread, NULL, run_thread, &run))
         return ls_fail(diag, LS_ERR_OS, "cannot start the sequencer's thread");
     pthread_setname_np(thread, "ls-seq");
     pthread_join(thread, NULL);
+    sequencer->burst_ns = run.credit.started_ns;
     if (run.err)
         explain(&run);
     sequencer->maybe_lit = run.dark_err != LS_OK;

@@ -22,6 +22,7 @@
 #include "daemon/camera_thread.h"
 #include "daemon/clock.h"
 #include "daemon/config.h"
+#include "daemon/flashing.h"
 #include "daemon/ring.h"
 #include "drivers/camera.h"
 #include "drivers/lights.h"
@@ -49,10 +50,13 @@ struct ls_sequencer {
     uint32_t n_cameras;
     struct ls_sequencer_camera cameras[LS_MAX_CAMERAS];
     bool stepwise;
-    bool live;            /* subject */
-    uint64_t patience_us; /* host time a step may go without its frame, stepwise */
-    uint64_t stall_us;    /* without any step event while some are granted: the controller hangs */
-    sem_t *heard;         /* the cameras' threads': as in their configuration */
+    bool live; /* subject */
+    const struct ls_config *config;
+    struct ls_flashing *flashing; /* live and not allowed to flash: what it has seen; else NULL */
+    uint64_t burst_ns;            /* live: when the last burst began, of this or earlier programs */
+    uint64_t patience_us;         /* host time a step may go without its frame, stepwise */
+    uint64_t stall_us; /* without any step event while some are granted: the controller hangs */
+    sem_t *heard;      /* the cameras' threads': as in their configuration */
     struct ls_clock *controller; /* against the host, ns; status reads are added as they come */
     const _Atomic bool *abort;
     const _Atomic int *failure; /* enum ls_err of another stage: stop; LS_OK = go on */

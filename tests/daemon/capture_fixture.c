@@ -71,7 +71,8 @@ static void add_watch(struct stage *s, int index)
 
 static void make_plan(struct stage *s)
 {
-    s->plan = (struct ls_plan){.keep_raw = true,
+    s->plan = (struct ls_plan){.subject = s->live ? LS_SUBJECT_LIVE : LS_SUBJECT_STILL,
+                               .keep_raw = true,
                                .period_us = PERIOD_US,
                                .n_exposures = N_EXPOSURES,
                                .pulse_us = {100, 500, 2000},

@@ -37,7 +37,7 @@ struct stage {
     struct ls_config config;
     struct ls_config_light lights[N_LIGHTS];
     struct ls_plan plan;
-    bool watches;
+    bool watches, live;
     struct ls_plan_condition conditions[MAX_ALL];
     struct ls_plan_step steps[MAX_STEPS];
     struct ls_led leds[N_LIGHTS];

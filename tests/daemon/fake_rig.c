@@ -202,6 +202,8 @@ static void fire(struct fake_rig *rig)
     rig->next_ns = at_ns + rig->period_us * 1000ull;
     if (warm && rig->options.stall_at && rig->pulses == rig->options.stall_at)
         rig->next_ns += 300000000;
+    if (warm && rig->options.stall_every && rig->pulses % rig->options.stall_every == 0)
+        rig->next_ns += 40000000;
 }
 
 static bool may_fire(const struct fake_rig *rig)

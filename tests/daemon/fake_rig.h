@@ -50,6 +50,7 @@ struct fake_options {
     /* Pulses are counted from the second program on: the first is the warm-up. */
     uint32_t interlock_at;   /* pulse that opens it, 0 = never */
     uint32_t stall_at;       /* pulse after which the controller sleeps 300 ms, 0 = never */
+    uint32_t stall_every;    /* after every so many pulses it sleeps 40 ms, 0 = never */
     uint32_t gone_at;        /* pulse at which camera 0 disappears, 0 = never */
     uint32_t drift_at;       /* pulse from which every pixel reads 1 DN more, 0 = never */
     uint32_t frame_delay_us; /* from the end of exposure, default 2000 */

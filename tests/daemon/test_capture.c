@@ -3,6 +3,7 @@
  * and every ticket true.
  */
 #include "daemon/findings.h"
+#include "daemon/flashing.h"
 #include "daemon/realtime.h"
 #include "tests/daemon/capture_fixture.h"
 
@@ -162,12 +163,74 @@ static void test_timed(void)
     clear(s);
 }
 
+static int slow_disk(void *user, enum ls_disk_op op, const char *name, size_t *n_bytes)
+{
+    if (op == LS_DISK_SYNC)
+        g_usleep(60000); /* what makes the disk slow */
+    return 0;
+}
+
+static int by_time(const void *a, const void *b)
+{
+    const struct ls_ticket *const *x = a, *const *y = b;
+    return (*x)->controller_us < (*y)->controller_us ? -1 : 1;
+}
+
+/* Of the pulses really fired: how many bursts, none sooner than a third of a second after another.
+ */
+static uint32_t count_bursts(struct stage *s)
+{
+    struct ls_takedir *take;
+    uint64_t last_us = 0, burst_us = 0;
+    uint32_t bursts = 0, n = 0;
+    g_assert_cmpint(ls_takedir_open(s->folder, &take, NULL), ==, LS_OK);
+    const struct ls_ticket **sorted = g_new(const struct ls_ticket *, take->n_tickets);
+    for (size_t i = 0; i < take->n_tickets; i++)
+        if (!s->plan.conditions[take->tickets[i].condition].dark)
+            sorted[n++] = &take->tickets[i];
+    qsort(sorted, n, sizeof *sorted, by_time);
+    for (uint32_t i = 0; i < n; i++) {
+        uint64_t us = sorted[i]->controller_us;
+        if (!last_us || us - last_us >= LS_FLASH_FUSED_US) {
+            g_assert_true(!bursts || us - burst_us >= 333333);
+            burst_us = us;
+            bursts++;
+        }
+        last_us = us;
+    }
+    g_free(sorted);
+    ls_takedir_close(take);
+    return bursts;
+}
+
 static void test_live(void)
 {
     struct stage *s = new_stage();
-    set_up(s);
-    s->plan.subject = LS_SUBJECT_LIVE;
-    g_assert_cmpint(ls_capture_run(s->capture, &s->report, &s->diag), ==, LS_OK);
+    s->live = true;
+    s->shim = (struct ls_disk_shim){.before = slow_disk};
+    g_assert_cmpint(shoot(s), ==, LS_OK);
+    expect_complete(s);
+    uint32_t bursts = count_bursts(s);
+    g_test_message("%u bursts", bursts);
+    g_assert_cmpuint(bursts, >=, 2);
+    clear(s);
+}
+
+static void test_live_late(void)
+{
+    struct stage *s = new_stage();
+    s->live = true;
+    /* 3 ms four times, then 43; the first light is alone before a pause: three in 153 ms */
+    s->options.stall_every = 5;
+    g_assert_cmpint(shoot(s), ==, LS_ERR_REFUSED);
+    g_assert_nonnull(strstr(s->diag.text, "the live subject saw pulses at 19."));
+    g_assert_nonnull(strstr(s->diag.text, "LEDs are dark"));
+    s->options.stall_every = 0;
+    resume(s);
+    clear(s);
+    s = new_stage(); /* whoever asked for it, or is not alive, is shown it */
+    s->options.stall_every = 5;
+    g_assert_cmpint(shoot(s), ==, LS_OK);
     expect_complete(s);
     clear(s);
 }
@@ -186,6 +249,7 @@ int main(int argc, char **argv)
     g_test_add_func("/capture/a-corrupted-ticket-is-counted", test_corrupted_ticket);
     g_test_add_func("/capture/darks-and-clocks-are-found-as-they-are", test_findings);
     g_test_add_func("/capture/timed-exposures-are-written-per-step", test_timed);
-    g_test_add_func("/capture/a-live-subject-is-shot-in-bursts", test_live);
+    g_test_add_func("/capture/a-starved-live-subject-is-shot-in-bursts", test_live);
+    g_test_add_func("/capture/a-live-subject-that-sees-flashes-is-spared-the-rest", test_live_late);
     return g_test_run();
 }
