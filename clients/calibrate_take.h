@@ -60,8 +60,8 @@ struct ls_calibrate_region {
 struct ls_calibrate_region ls_calibrate_around(const struct ls_calibrate_take *take,
                                                const struct ls_outline *outline);
 
-/** Fetch pictures in the order given and hand each to @use with the validity that the take stored; its
- * error ends it. */
+/** Fetch pictures in the order given and hand each to @use with the validity that the take stored;
+ * its error ends it. */
 LS_MUST_CHECK enum ls_err ls_calibrate_fetch(const struct ls_calibrate_take *take,
                                              const struct ls_lit_picture *const *pictures,
                                              uint32_t n, struct ls_calibrate_region region,

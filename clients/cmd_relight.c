@@ -153,11 +153,11 @@ static json_t *solve_json(const struct ls_light_weights *weights)
     const struct ls_lighting_solution *solution = &weights->solution;
     if (!weights->solved)
         return NULL;
-    json_t *json = json_pack("{ss ss sf sf si}", "mode",
-                             solution->mode == LS_SOLVE_SHARED ? "shared" : "per-target", "space",
-                             solution->space == LS_SOLVE_AFTER_M ? "after-M" : "camera-raw",
-                             "residual", weights->residual, "worst_residual",
-                             solution->worst.relative, "rank", (int)solution->worst.rank);
+    json_t *json = json_pack(
+        "{ss ss sf sf sf si}", "mode", solution->mode == LS_SOLVE_SHARED ? "shared" : "per-target",
+        "space", solution->space == LS_SOLVE_AFTER_M ? "after-M" : "camera-raw", "tikhonov",
+        weights->tikhonov, "residual", weights->residual, "worst_residual",
+        solution->worst.relative, "rank", (int)solution->worst.rank);
     if (isfinite(solution->worst.condition))
         json_object_set_new(json, "condition", json_real(solution->worst.condition));
     return json;
@@ -355,6 +355,7 @@ const struct ls_command ls_command_relight = {
     "A take under another light: a lat-long .hdr or .exr, or lobes or a captured light as .json",
     "TAKE ENVIRONMENT... --output FILE.exr [--png FILE.png] [--raw]\n"
     "         [--solve spectral|tristimulus|shared|per-target] [--method nnls|least-squares]\n"
+    "         [--tikhonov T] [--row-weights FILE.json]\n"
     "         [--cells nearest|smooth] [--profile paper]\n"
     "         [--rotate DEG,DEG,...] [--space rec709-linear|camera-raw]\n" LS_PROMOTION_USAGE
     "         [--region X,Y,WIDTH,HEIGHT] [--exposure STOPS] [--max-error E]\n"

@@ -23,6 +23,8 @@ static void choose_solve(const struct ls_light_solver *solver, struct ls_lightin
         lighting->method = LS_SOLVE_LEAST_SQUARES;
     if (lighting->method == LS_SOLVE_LEAST_SQUARES)
         lighting->tikhonov = 1e-3;
+    if (options->damped)
+        lighting->tikhonov = options->tikhonov;
 }
 
 static enum ls_err read_chart(struct ls_light_solver *solver, struct ls_light_weights *weights,
@@ -56,7 +58,15 @@ static enum ls_err factor_chart(struct ls_light_solver *solver, struct ls_light_
                                    .n_spectra = weights->n_names,
                                    .chart = solver->chart,
                                    .m = cal->has_m ? &cal->m[0][0] : NULL};
+    static const struct ls_row_weights even = {0};
+    const struct ls_row_weights *rows = solver->options->rows ? solver->options->rows : &even;
+    LS_CLEANUP_FREE double *row_weight = NULL;
     choose_solve(solver, &lighting);
+    enum ls_err err = ls_row_weights_for(rows, cal->n_patches, cal->n_colours, &row_weight, diag);
+    if (err)
+        return err;
+    lighting.row_weight = row_weight;
+    weights->tikhonov = lighting.tikhonov;
     if (lighting.mode == LS_SOLVE_SHARED && solver->n_colours == 1)
         return ls_fail(diag, LS_ERR_UNSUPPORTED,
                        "--solve shared: one set of strengths makes no colours of a monochrome "

@@ -13,6 +13,7 @@
 #define LS_CLIENTS_LIGHT_WEIGHTS_H
 
 #include "clients/environment_file.h"
+#include "clients/row_weights.h"
 #include "clients/take_document.h"
 #include "core/error.h"
 #include "core/lighting.h"
@@ -39,8 +40,11 @@ struct ls_light_options {
     enum ls_light_method method;
     Lightstage__Model
         model;       /* how the daemon is to promote: spectra it cannot serve are left out */
-    bool smooth;     /* cells that overlap smoothly instead of nearest ones */
-    double turn_deg; /* the environment turned about y, right-handed */
+    bool damped;     /* by `tikhonov` in place of the method's own */
+    double tikhonov; /* >= 0, of the mean diagonal (core/solve.h) */
+    const struct ls_row_weights *rows; /* NULL: every reading of the chart counts the same */
+    bool smooth;                       /* cells that overlap smoothly instead of nearest ones */
+    double turn_deg;                   /* the environment turned about y, right-handed */
 };
 
 /** A word of the command line: spectral, tristimulus, shared, per-target; nnls, least-squares;
@@ -61,6 +65,7 @@ struct ls_light_weights {
                        channel of */
     bool solved;    /* the following are set */
     struct ls_lighting_solution solution; /* the worst over the lights that matter; its space */
+    double tikhonov;                      /* as used */
     double residual;                      /* of all lights together, relative */
     double unreachable;                   /* share of the map's energy no light can have exactly */
     const char *warning;                  /* or NULL */

@@ -32,6 +32,16 @@ static bool set_turns(const char *text, struct ls_relight_options *out)
     return false;
 }
 
+static int read_rows(struct ls_relight_options *out)
+{
+    struct ls_diag diag = {0};
+    ls_row_weights_finish(&out->rows);
+    out->solve.rows = &out->rows;
+    return ls_row_weights_read(optarg, &out->rows, &diag)
+               ? ls_command_wrong("--row-weights %s", diag.text)
+               : LS_EXIT_OK;
+}
+
 /* One option; LS_EXIT_OK or the exit code. */
 static int set(struct ls_relight_options *out, int option)
 {
@@ -49,9 +59,12 @@ static int set(struct ls_relight_options *out, int option)
         CAMERA,
         METHOD,
         CELLS,
-        PROFILE
+        PROFILE,
+        TIKHONOV,
+        ROW_WEIGHTS
     };
-    out->solved |= option == SOLVE || option == METHOD || option == CELLS || option == ROTATE;
+    out->solved |= option == SOLVE || option == METHOD || option == CELLS || option == ROTATE ||
+                   option == TIKHONOV || option == ROW_WEIGHTS;
     switch (option) {
     case OUTPUT:
         out->exr = optarg;
@@ -76,6 +89,14 @@ static int set(struct ls_relight_options *out, int option)
         return ls_light_method_option(optarg, &out->solve.method)
                    ? LS_EXIT_OK
                    : ls_command_wrong("--method %s: expected nnls or least-squares", optarg);
+    case TIKHONOV:
+        out->solve.damped = true;
+        return number(optarg, &out->solve.tikhonov) && out->solve.tikhonov >= 0
+                   ? LS_EXIT_OK
+                   : ls_command_wrong("--tikhonov %s: expected 0 or more, of the mean diagonal",
+                                      optarg);
+    case ROW_WEIGHTS:
+        return read_rows(out);
     case CELLS:
         return ls_light_cells_option(optarg, &out->solve.smooth)
                    ? LS_EXIT_OK
@@ -126,7 +147,11 @@ static int check(int argc, char **argv, struct ls_relight_options *out)
                                              : "a TAKE and one ENVIRONMENT or more");
     if (out->weights && out->solved)
         return ls_command_wrong("relight: --weights are strengths already: leave out --solve, "
-                                "--method, --cells and --rotate");
+                                "--method, --tikhonov, --row-weights, --cells and --rotate");
+    if (out->solve.solve == LS_LIGHT_TRISTIMULUS && (out->solve.damped || out->solve.rows))
+        return ls_command_wrong(
+            "relight: --solve tristimulus solves nothing: leave out --tikhonov and "
+            "--row-weights");
     out->take = argv[optind];
     for (int i = optind + 1; i < argc; i++)
         out->lights[out->n_lights++] = argv[i];
@@ -159,6 +184,8 @@ int ls_relight_options_parse(struct ls_command_context *context, int argc, char 
                                             {"method", required_argument, NULL, 12},
                                             {"cells", required_argument, NULL, 13},
                                             {"profile", required_argument, NULL, 14},
+                                            {"tikhonov", required_argument, NULL, 15},
+                                            {"row-weights", required_argument, NULL, 16},
                                             LS_PROMOTION_OPTIONS,
                                             LS_COMMON_OPTIONS};
     lightstage__promotion__init(&out->promotion);
@@ -183,6 +210,7 @@ void ls_relight_options_finish(struct ls_relight_options *options)
 {
     free(options->lights);
     free(options->turns);
+    ls_row_weights_finish(&options->rows);
     memset(options, 0, sizeof *options);
 }
 

@@ -1,6 +1,7 @@
 /*
  * relight_options: the command line of relight, and the pictures it asks for.
- * Layer: clients. Threads: the main thread. Ownership: the lists; strings are the command line's.
+ * Layer: clients. Threads: the main thread. Ownership: the lists and row weights; strings are the
+ * command line's.
  */
 #ifndef LS_CLIENTS_RELIGHT_OPTIONS_H
 #define LS_CLIENTS_RELIGHT_OPTIONS_H
@@ -26,6 +27,7 @@ struct ls_relight_options {
     bool solved; /* an option of the environment's solve was given */
     bool raw;
     struct ls_light_options solve; /* but for the turn */
+    struct ls_row_weights rows;    /* that solve points to, if any */
     const struct ls_profile *profile;
     double exposure, max_error;
     bool exposure_given;
