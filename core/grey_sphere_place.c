@@ -24,7 +24,7 @@ static enum ls_err copy_picture(void *user, const struct ls_lit_picture *picture
 static enum ls_err not_found(const struct ls_grey_work *w, const struct ls_diag *why)
 {
     return ls_fail(w->diag, LS_ERR_NOT_FOUND,
-                   "%.300s Put the grey sphere at the stage's centre, whole in the picture of the "
+                   "%.300s; put the grey sphere at the stage's centre, whole in the picture of the "
                    "camera, and check its radius",
                    why->text);
 }
@@ -37,6 +37,26 @@ static const struct ls_lit_picture *full_sphere(const struct ls_grey_work *w)
             return p;
     }
     return NULL;
+}
+
+/* A sphere of another radius seems to stand nearer or farther by as much. */
+static enum ls_err judge_place(const struct ls_grey_work *w, const struct ls_sphere *found)
+{
+    const struct ls_sphere *nominal = &w->rig->nominal;
+    const double *eye = w->rig->cameras[w->camera].pinhole.eye_m;
+    double off[3], near[3], far[3];
+    ls_along3(found->centre_m, nominal->centre_m, -1, off);
+    ls_along3(nominal->centre_m, eye, -1, near);
+    ls_along3(found->centre_m, eye, -1, far);
+    if (ls_length3(off) < nominal->radius_m)
+        return LS_OK;
+    return ls_fail(
+        w->diag, LS_ERR_NOT_FOUND,
+        "the outline puts the grey sphere %.0f mm from the stage's centre, if its radius "
+        "is %.0f mm; were it %.0f mm, it would stand there: check its radius, its place "
+        "and the camera's in the rig file",
+        1e3 * ls_length3(off), 1e3 * nominal->radius_m,
+        1e3 * nominal->radius_m * ls_length3(near) / ls_length3(far));
 }
 
 static enum ls_err locate(struct ls_grey_work *w)
@@ -55,7 +75,7 @@ static enum ls_err locate(struct ls_grey_work *w)
         return err;
     err = ls_sphere_locate(&w->rig->cameras[w->camera].pinhole, w->whole, &w->rig->nominal,
                            &v->sphere, &v->outline, &inner);
-    return err ? not_found(w, &inner) : LS_OK;
+    return err ? not_found(w, &inner) : judge_place(w, &v->sphere);
 }
 
 static enum ls_err look(struct ls_grey_work *w)

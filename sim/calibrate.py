@@ -118,16 +118,21 @@ def spread(rows, sure):
                       for k in rows.values()])
 
 
+def bound(size):
+    """Of what is relative to the mean of all lights, in percent. A gain's noise goes with one over the
+    sphere's radius in pixels (0.07, 0.14 and 0.29 % rms at 512, 256 and 128), that of a mean with
+    crescents in it too, and in pictures smaller than the usual ones so does the bound."""
+    return 0.5 * max(1, USUAL_SIZE / size)
+
+
 def gain_rows(m, g, sure, residuals, size):
-    """A gain's noise goes with one over the sphere's radius in pixels (0.07, 0.14 and 0.29 % rms at
-    512, 256 and 128), and in pictures smaller than the usual ones so does its bound."""
     common = {s: residuals[f"of that, common to all lights of {s}"] / 100 for s in g["k"]}
     honesty = {s: honest(m, g, s, sure, common[s]) for s in g["k"]}
     within = statistics.fmean(w for w, _ in honesty.values())
     apart = max(abs(z) for _, z in honesty.values())
     pairs = [(f"of light {i} in {s}", g["k"][s][i], m["k"][s][i]) for s in g["k"] for i in sure]
     off = rms([100 * (b / a - 1) for _, a, b in pairs])
-    top = worst(pairs, "k", 0.5 * max(1, USUAL_SIZE / size))
+    top = worst(pairs, "k", bound(size))
     numbers = {"k_lights": len(sure), "k_error_percent": off, "k_worst_percent": top.error,
                "k_within_sigma_percent": within,
                "k_within_sigma_by_channel": {s: w for s, (w, _) in honesty.items()},
@@ -160,10 +165,11 @@ def factor_rows(m, g):
             "droop_error_by_pattern": errors}, list(rows.values())
 
 
-def scale_rows(m, g):
+def scale_rows(m, g, size):
+    """Ratios of two channels' levels, each of a light of the mean strength."""
     p = worst([(f"of {c} in {s}", a, b) for s in g["p"]
-               for c, a, b in zip("RGB", g["p"][s], m["p"][s])], "p", 0.5)
-    scale = worst([("", g["scale"], m["scale"])], "scale", 0.5)
+               for c, a, b in zip("RGB", g["p"][s], m["p"][s])], "p", bound(size))
+    scale = worst([("", g["scale"], m["scale"])], "scale", bound(size))
     return {"p_error_percent": p.error, "scale_error_percent": scale.error}, [p, scale]
 
 
@@ -200,7 +206,7 @@ def compare(measured, given, report, size):
     residuals = report["residuals"]
     numbers, rows = {}, []
     for part in (gain_rows(m, g, sure, residuals, size), direction_rows(m, g, sure, residuals),
-                 factor_rows(m, g), scale_rows(m, g), probe_rows(m, g, residuals)):
+                 factor_rows(m, g), scale_rows(m, g, size), probe_rows(m, g, residuals)):
         numbers.update(part[0])
         rows += part[1]
     return numbers, rows + residual_rows(residuals)

@@ -140,6 +140,14 @@ def test_a_sphere_that_is_too_bright_or_cut_off_is_named(folder):
     takes.says(refused(rig, "--grey-exposures", "12000"), "sphere", "whole")
 
 
+def test_a_sphere_of_another_radius_is_told_its_own(folder):
+    rig = dome(folder, "grey", WHITE, "W", 24).start()
+    code, status, err = takes.photograph(rig, GREY)
+    assert code == 0, err
+    takes.says(refused(rig, "--grey", status["id"], "--radius", "0.12"), "if its radius is 120 mm",
+               "were it 100 mm")
+
+
 def test_a_take_without_all_lights_cannot_calibrate(folder):
     rig = dome(folder, "grey", WHITE, "W", 24).start()
     code, status, err = takes.photograph(rig, GREY.replace('kind = "each";',
