@@ -104,5 +104,6 @@ void ls_accumulator_free(struct ls_accumulator *accumulator)
 {
     accumulator->state = LS_ACCUMULATOR_FREE;
     accumulator->claimed = accumulator->copying = accumulator->filled = 0;
+    accumulator->pulse_ns = accumulator->arrived_ns = 0;
     accumulator->n_bands = accumulator->bands_taken = accumulator->bands_done = 0;
 }

@@ -27,6 +27,7 @@ struct ls_accumulator {
     uint32_t copying, filled;
     unsigned char *raw[LS_MAX_EXPOSURES];
     double exposure_s[LS_MAX_EXPOSURES];
+    uint64_t pulse_ns, arrived_ns; /* of its latest frame: start of the pulse, arrival */
     uint8_t *validity;
     uint16_t *half;
     struct ls_merge_params params;

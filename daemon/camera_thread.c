@@ -16,6 +16,12 @@ enum {
 
 #define PARTING 20e-6 /* drift left over by the fit: clocks not compared part by this share */
 
+/* What is known of a step beside its event. */
+struct told {
+    double exposure_us;
+    uint64_t pulse_ns;
+};
+
 struct ls_camera_thread {
     struct ls_camera_thread_config config;
     struct ls_bind *bind;
@@ -27,7 +33,7 @@ struct ls_camera_thread {
     struct ls_camera_residuals residuals;
     uint64_t compared_ns; /* controller time of the clock's newest pair */
     struct ls_camera_reasons reasons;
-    double *exposures_us; /* per step, as told */
+    struct told *told; /* per step */
     pthread_t pthread;
     bool running;
 };
@@ -64,8 +70,9 @@ static void hand_on(struct ls_camera_thread *thread, const struct ls_bind_verdic
     const struct ls_bound_frame bound = {.step = verdict->step,
                                          .frame = verdict->frame,
                                          .event = verdict->event,
-                                         .exposure_us = thread->exposures_us[verdict->step],
-                                         .residual_us = verdict->residual_us};
+                                         .exposure_us = thread->told[verdict->step].exposure_us,
+                                         .residual_us = verdict->residual_us,
+                                         .pulse_ns = thread->told[verdict->step].pulse_ns};
     if (thread->config.bind.by_time)
         learn(thread, verdict);
     if (ls_ring_hand(thread->config.ring, verdict->slot) ||
@@ -75,6 +82,8 @@ static void hand_on(struct ls_camera_thread *thread, const struct ls_bind_verdic
     }
     sem_post(thread->config.work);
     atomic_fetch_add(&thread->bound, 1);
+    ls_count(&thread->config.metrics->frames_bound, 1);
+    ls_metrics_time(thread->config.metrics, LS_LATENCY_FRAME, bound.pulse_ns, bound.frame.host_ns);
 }
 
 static void obey(struct ls_camera_thread *thread, const struct ls_bind_verdict *verdict)
@@ -85,10 +94,12 @@ static void obey(struct ls_camera_thread *thread, const struct ls_bind_verdict *
     }
     if (verdict->step != LS_BIND_NO_STEP) {
         thread->reasons.steps[verdict->reason]++;
+        ls_count(&thread->config.metrics->steps_unbound[verdict->reason], 1);
         atomic_fetch_add(&thread->unusable, 1);
     }
     if (verdict->slot != LS_BIND_NO_SLOT) {
         thread->reasons.frames[verdict->reason]++;
+        ls_count(&thread->config.metrics->frames_discarded[verdict->reason], 1);
         discard(thread, verdict->slot);
     }
 }
@@ -127,7 +138,8 @@ static void hear(struct ls_camera_thread *thread, const struct ls_camera_message
         break;
     case LS_CAMERA_FIRED:
         if (message->event.step < thread->config.max_steps)
-            thread->exposures_us[message->event.step] = message->exposure_us;
+            thread->told[message->event.step] =
+                (struct told){message->exposure_us, message->pulse_ns};
         if (ls_bind_event(thread->bind, &message->event, message->exposure_us))
             fail(thread, LS_ERR_MISMATCH);
         break;
@@ -199,8 +211,8 @@ enum ls_err ls_camera_thread_create(const struct ls_camera_thread_config *config
     enum ls_err err = ls_bind_create(&config->bind, config->max_steps, n_slots, &thread->bind);
     if (!err)
         err = ls_queue_init(&thread->messages, sizeof(struct ls_camera_message), MESSAGES);
-    thread->exposures_us = calloc(config->max_steps ? config->max_steps : 1, sizeof(double));
-    if (err || !thread->exposures_us) {
+    thread->told = calloc(config->max_steps ? config->max_steps : 1, sizeof *thread->told);
+    if (err || !thread->told) {
         ls_camera_thread_destroy(thread);
         return ls_fail(diag, LS_ERR_NOMEM, "out of memory");
     }
@@ -283,6 +295,6 @@ void ls_camera_thread_destroy(struct ls_camera_thread *thread)
     ls_camera_thread_stop(thread);
     ls_queue_finish(&thread->messages);
     ls_bind_destroy(thread->bind);
-    free(thread->exposures_us);
+    free(thread->told);
     free(thread);
 }

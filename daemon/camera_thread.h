@@ -14,6 +14,7 @@
 #include "core/error.h"
 #include "daemon/bind.h"
 #include "daemon/clock.h"
+#include "daemon/metrics.h"
 #include "daemon/queue.h"
 #include "daemon/ring.h"
 #include "drivers/camera.h"
@@ -29,11 +30,12 @@ struct ls_bound_frame {
     struct ls_step_event event;
     double exposure_us; /* as used: pulse + offset, or the register */
     double residual_us;
+    uint64_t pulse_ns; /* start of the pulse, host CLOCK_MONOTONIC_RAW */
 };
 
 enum ls_camera_message_kind {
     LS_CAMERA_ARMED,   /* step = number of steps of the new program */
-    LS_CAMERA_FIRED,   /* event, exposure_us */
+    LS_CAMERA_FIRED,   /* event, exposure_us, pulse_ns */
     LS_CAMERA_OPENED,  /* by order: step is lit */
     LS_CAMERA_EXPIRED, /* by order: step gets no frame any more */
     LS_CAMERA_QUIET,   /* by order: no frame is on its way */
@@ -44,6 +46,7 @@ struct ls_camera_message {
     uint32_t step;
     struct ls_step_event event;
     double exposure_us;
+    uint64_t pulse_ns; /* start of the pulse, host CLOCK_MONOTONIC_RAW */
 };
 
 struct ls_camera_thread_config {
@@ -58,7 +61,8 @@ struct ls_camera_thread_config {
     sem_t *work;                   /* posted once per bound frame */
     sem_t *heard;                  /* posted once per LS_CAMERA_ARMED dealt with, and when there is
                                       room again after a message found none */
-    int rt_priority;               /* 0 = normal */
+    struct ls_camera_metrics *metrics; /* counted into */
+    int rt_priority;                   /* 0 = normal */
 };
 
 struct ls_camera_counts {

@@ -17,6 +17,7 @@
 #include <stdint.h>
 
 struct ls_findings;
+struct ls_metrics;
 struct ls_store;
 
 struct ls_capture_setup {
@@ -25,6 +26,7 @@ struct ls_capture_setup {
     struct ls_lights *lights;
     struct ls_camera *const *cameras; /* config->n_cameras of them, applied, not started */
     struct ls_store *store;
+    struct ls_metrics *metrics;    /* counted into, beside what is in it already */
     double reference_exposure_s;   /* stored value = E x this */
     const uint8_t *condition_done; /* per condition: 1 = published already (resume), or NULL */
     const float *const *darks;     /* [camera * n_exposures + exposure]: the published mean darks

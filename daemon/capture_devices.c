@@ -92,6 +92,7 @@ void ls_capture_describe(struct ls_capture *c)
     c->warm_up.settle_us = plan->settle_us;
     c->warm_up.patience_us = c->sequencer.patience_us = c->patience_us;
     c->warm_up.abort = c->sequencer.abort = &c->abort;
+    c->sequencer.metrics = c->setup.metrics;
     c->sequencer.heard = &c->heard;
     c->sequencer.controller = &c->warm_up.controller;
     c->sequencer.stepwise = c->stepwise;
@@ -168,6 +169,7 @@ enum ls_err ls_capture_start_threads(struct ls_capture *c, struct ls_diag *diag)
             .inlet = ls_merge_stage_inlet(c->merge, i),
             .work = ls_merge_stage_work(c->merge),
             .heard = &c->heard,
+            .metrics = &c->setup.metrics->cameras[i],
             .rt_priority = camera_priority(ls_capture_camera(c, i)),
         };
         err = ls_camera_thread_create(&config, &c->threads[i], diag);
@@ -187,8 +189,11 @@ void ls_capture_wind_down(struct ls_capture *c)
     ls_merge_stage_drain(c->merge);
     ls_merge_stage_stop(c->merge);
     for (uint32_t i = 0; i < c->n_cameras; i++) {
-        if (c->started[i])
-            ls_camera_stop(c->setup.cameras[i], &c->stats[i]);
+        if (!c->started[i])
+            continue;
+        ls_camera_stop(c->setup.cameras[i], &c->stats[i]);
+        ls_count(&c->setup.metrics->cameras[i].packets_resent, c->stats[i].resent_packets);
+        ls_count(&c->setup.metrics->cameras[i].underruns, c->stats[i].underruns);
         c->started[i] = false;
     }
 }

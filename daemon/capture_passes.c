@@ -24,6 +24,7 @@ static void count_lost(struct ls_capture *c)
             if (ls_camera_thread_outcome(c->threads[i], k) != LS_BIND_BOUND) {
                 ls_merge_stage_lost(c->merge, c->pass.plan_steps[k], i);
                 atomic_fetch_add(&c->lost, 1);
+                ls_count(&c->setup.metrics->cameras[i].shots_lost, 1);
             }
 }
 

@@ -23,6 +23,7 @@ struct ls_engine {
     const struct ls_config *config;
     char *calibration_json;
     struct ls_calibration *calibration;
+    struct ls_metrics metrics;
     struct ls_take_context context;
     ls_take_callback *callback;
     void *user;
@@ -80,7 +81,7 @@ enum ls_err ls_engine_create(const struct ls_config *config, ls_take_callback *c
         ls_engine_destroy(e);
         return err;
     }
-    e->context = (struct ls_take_context){config, e->calibration_json, e->calibration};
+    e->context = (struct ls_take_context){config, e->calibration_json, e->calibration, &e->metrics};
     *out = e;
     return LS_OK;
 }
@@ -101,6 +102,23 @@ static gboolean report_progress(gpointer data)
     return G_SOURCE_CONTINUE;
 }
 
+static void count_take(struct ls_engine *e)
+{
+    switch (e->end_state) {
+    case LS_TAKE_COMPLETE:
+        ls_count(&e->metrics.takes_complete, 1);
+        break;
+    case LS_TAKE_INCOMPLETE:
+        ls_count(&e->metrics.takes_incomplete, 1);
+        break;
+    case LS_TAKE_ABORTED:
+        ls_count(&e->metrics.takes_aborted, 1);
+        break;
+    default:
+        ls_count(&e->metrics.takes_failed, 1);
+    }
+}
+
 /* The thread has nothing left to do: join it and tell. */
 static void reap(struct ls_engine *e)
 {
@@ -112,6 +130,7 @@ static void reap(struct ls_engine *e)
     ls_take_destroy(e->take);
     e->take = NULL;
     e->status.state = e->end_state;
+    count_take(e);
     e->status.report = e->end_report;
     snprintf(e->status.message, sizeof e->status.message, "%s", e->end_message.text);
 }
@@ -254,6 +273,11 @@ void ls_engine_status(struct ls_engine *e, struct ls_engine_status *out)
         return;
     }
     ls_probe_look(e->probe, &out->devices);
+}
+
+const struct ls_metrics *ls_engine_metrics(const struct ls_engine *e)
+{
+    return &e->metrics;
 }
 
 const struct ls_config *ls_engine_config(const struct ls_engine *e)

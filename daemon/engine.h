@@ -10,6 +10,7 @@
 #include "core/error.h"
 #include "daemon/capture.h"
 #include "daemon/config.h"
+#include "daemon/metrics.h"
 #include "daemon/probe.h"
 
 #include <stdbool.h>
@@ -96,6 +97,9 @@ LS_MUST_CHECK enum ls_err ls_engine_abort(struct ls_engine *engine, struct ls_di
 
 /** All LEDs off, now; aborts a running take. */
 LS_MUST_CHECK enum ls_err ls_engine_blank(struct ls_engine *engine, struct ls_diag *diag);
+
+/** What was counted since create. (transfer none), any thread. */
+const struct ls_metrics *ls_engine_metrics(const struct ls_engine *engine);
 
 const struct ls_config *ls_engine_config(const struct ls_engine *engine);
 

@@ -2,6 +2,7 @@
 
 #include "core/crc32c.h"
 #include "daemon/attributes.h"
+#include "daemon/realtime.h"
 #include "daemon/store.h"
 
 #include <math.h>
@@ -36,6 +37,11 @@ static const struct ls_plan_condition *condition_of(const struct ls_merge_stage 
 {
     const struct ls_plan *plan = stage->config.setup->plan;
     return &plan->conditions[plan->steps[plan_step].condition];
+}
+
+static struct ls_camera_metrics *metrics_of(const struct ls_merge_stage *stage, uint32_t camera)
+{
+    return &stage->config.setup->metrics->cameras[camera];
 }
 
 /* ---- tickets ---- */
@@ -102,15 +108,25 @@ static void count_in(struct ls_merge_stage *stage, const struct ls_merge_job *jo
     if (*lost) {
         *lost = 0;
         atomic_fetch_add(&stage->repairs, 1);
+        ls_count(&metrics_of(stage, job->camera)->shots_repaired, 1);
         stage->repaired[stage->config.setup->plan->steps[job->plan_step].condition]++;
     }
 }
 
 /* ---- publishing ---- */
 
+/* Merged now: since its latest frame, whose pulse began at @pulse_ns. */
+static struct ls_picture_times count_merged(const struct ls_merge_stage *stage, uint32_t camera,
+                                            uint64_t pulse_ns, uint64_t arrived_ns)
+{
+    const struct ls_picture_times times = {metrics_of(stage, camera), pulse_ns, ls_host_ns()};
+    ls_metrics_time(times.camera, LS_LATENCY_MERGED, arrived_ns, times.merged_ns);
+    return times;
+}
+
 static enum ls_err publish(struct ls_merge_stage *stage, uint32_t camera, uint32_t condition,
                            double longest_exposure_s, struct ls_exr_mosaic *mosaic,
-                           struct ls_diag *diag)
+                           const struct ls_picture_times *times, struct ls_diag *diag)
 {
     const struct ls_capture_setup *setup = stage->config.setup;
     struct ls_exr_attrs attrs = {0};
@@ -127,8 +143,10 @@ static enum ls_err publish(struct ls_merge_stage *stage, uint32_t camera, uint32
     mosaic->width = stage->cameras[camera].width;
     mosaic->height = stage->cameras[camera].height;
     mosaic->attrs = &attrs;
-    const struct ls_store_picture picture = {
-        .condition = setup->plan->conditions[condition].id, .camera = camera, .mosaic = *mosaic};
+    const struct ls_store_picture picture = {.condition = setup->plan->conditions[condition].id,
+                                             .camera = camera,
+                                             .mosaic = *mosaic,
+                                             .times = *times};
     enum ls_err err = ls_store_publish(setup->store, &picture, diag);
     ls_exr_attrs_finish(&attrs);
     /* A resumed take may have it of some cameras: the first one stands. */
@@ -159,7 +177,10 @@ static enum ls_err finish_dark(struct ls_merge_stage *stage, const struct ls_mer
         return ls_fail(diag, err, "%s of camera %s: %.400s", plan->conditions[condition].id,
                        stage->config.setup->config->cameras[job->camera].name, why.text);
     struct ls_exr_mosaic mosaic = {.floats = camera->darks.exposures[exposure].mean_dn};
-    err = publish(stage, job->camera, condition, job->bound.exposure_us * 1e-6, &mosaic, diag);
+    const struct ls_picture_times times =
+        count_merged(stage, job->camera, job->bound.pulse_ns, job->bound.frame.host_ns);
+    err = publish(stage, job->camera, condition, job->bound.exposure_us * 1e-6, &mosaic, &times,
+                  diag);
     if (!err)
         count_published(stage, job->camera, condition);
     return err;
@@ -208,7 +229,10 @@ static enum ls_err finish_watch(struct ls_merge_stage *stage, const struct ls_me
         return err;
     end_watch(stage, camera);
     struct ls_exr_mosaic mosaic = {.floats = mean};
-    err = publish(stage, job->camera, condition, job->bound.exposure_us * 1e-6, &mosaic, diag);
+    const struct ls_picture_times times =
+        count_merged(stage, job->camera, job->bound.pulse_ns, job->bound.frame.host_ns);
+    err = publish(stage, job->camera, condition, job->bound.exposure_us * 1e-6, &mosaic, &times,
+                  diag);
     if (err)
         return err;
     count_published(stage, job->camera, condition);
@@ -310,6 +334,10 @@ static enum ls_err copy_in(struct ls_merge_stage *stage, const struct ls_merge_j
     pthread_mutex_lock(&stage->lock);
     count_in(stage, job);
     a->copying--;
+    if (job->bound.pulse_ns >= a->pulse_ns) {
+        a->pulse_ns = job->bound.pulse_ns;
+        a->arrived_ns = job->bound.frame.host_ns;
+    }
     bool last = ++a->filled == c->n_steps;
     if (last) /* now: a full one that still counts as filling could be given to another condition */
         a->state = LS_ACCUMULATOR_MERGING;
@@ -324,7 +352,9 @@ static enum ls_err publish_merged(struct ls_merge_stage *stage, struct ls_accumu
     for (uint32_t i = 0; i < a->params.n_exposures; i++)
         longest = a->exposure_s[i] > longest ? a->exposure_s[i] : longest;
     struct ls_exr_mosaic mosaic = {.half = a->half, .validity = a->validity};
-    enum ls_err err = publish(stage, a->camera, a->condition, longest, &mosaic, diag);
+    const struct ls_picture_times times =
+        count_merged(stage, a->camera, a->pulse_ns, a->arrived_ns);
+    enum ls_err err = publish(stage, a->camera, a->condition, longest, &mosaic, &times, diag);
     if (err)
         return err;
     count_published(stage, a->camera, a->condition);

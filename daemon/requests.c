@@ -2,6 +2,7 @@
 
 #include "daemon/condition_job.h"
 #include "daemon/fetch_job.h"
+#include "daemon/metrics_reply.h"
 #include "daemon/relight_job.h"
 #include "daemon/take_jobs.h"
 #include "daemon/take_reply.h"
@@ -110,6 +111,19 @@ static void handle_status(const struct call *call)
     body.stalled_closed = service->stalled_closed;
     body.events_skipped = service->events_skipped;
     answer(call, &body.base);
+}
+
+static void handle_metrics(const struct call *call)
+{
+    struct ls_service *service = ls_session_service(call->session);
+    struct ls_metrics_reply *reply = ls_metrics_reply_create(ls_engine_metrics(service->engine),
+                                                             ls_engine_config(service->engine));
+    reply->message.connections = service->n_sessions;
+    reply->message.stalled_closed = service->stalled_closed;
+    reply->message.events_skipped = service->events_skipped;
+    reply->message.take_running = !ls_take_ended(&service->take);
+    answer(call, &reply->message.base);
+    ls_metrics_reply_free(reply);
 }
 
 static void fill_rig_camera(Lightstage__RigCamera *out, struct ls_config_camera *in)
@@ -416,6 +430,7 @@ static const struct {
     void (*handle)(const struct call *call);
 } handlers[] = {
     {LS_MESSAGE_STATUS, handle_status},
+    {LS_MESSAGE_METRICS, handle_metrics},
     {LS_MESSAGE_RIG, handle_rig},
     {LS_MESSAGE_PREFLIGHT, handle_preflight},
     {LS_MESSAGE_TAKE_START, handle_take_start},

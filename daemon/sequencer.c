@@ -112,11 +112,15 @@ static enum ls_err watch_flashing(struct run *run, const struct ls_step_event *e
 
 static enum ls_err pass_on(struct run *run, const struct ls_step_event *event)
 {
-    struct ls_camera_message message = {.kind = LS_CAMERA_FIRED, .event = *event};
+    struct ls_camera_message message = {
+        .kind = LS_CAMERA_FIRED,
+        .event = *event,
+        .pulse_ns = (uint64_t)ls_clock_map(run->seq->controller, event->us)};
     if (event->step >= run->program->n_steps || event->step < run->seen)
         return LS_ERR_MISMATCH;
     if (ended_early(run, event->step))
         message.event.flags |= LS_EVENT_CLIPPED;
+    ls_count(&run->seq->metrics->pulses, 1);
     if (run->seq->fired++ == 0)
         run->seq->first_us = event->us;
     if (run->seen == 0)

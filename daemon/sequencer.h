@@ -23,6 +23,7 @@
 #include "daemon/clock.h"
 #include "daemon/config.h"
 #include "daemon/flashing.h"
+#include "daemon/metrics.h"
 #include "daemon/ring.h"
 #include "drivers/camera.h"
 #include "drivers/lights.h"
@@ -58,6 +59,7 @@ struct ls_sequencer {
     uint64_t stall_us; /* without any step event while some are granted: the controller hangs */
     sem_t *heard;      /* the cameras' threads': as in their configuration */
     struct ls_clock *controller; /* against the host, ns; status reads are added as they come */
+    struct ls_metrics *metrics;  /* counted into */
     const _Atomic bool *abort;
     const _Atomic int *failure; /* enum ls_err of another stage: stop; LS_OK = go on */
     bool maybe_lit;             /* result: the blank after the last program failed */

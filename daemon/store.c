@@ -144,6 +144,8 @@ enum ls_err ls_store_publish(struct ls_store *store, const struct ls_store_pictu
         return err;
     struct ls_store_item *item = ls_store_item_new(LS_ITEM_PICTURE, diag);
     err = item ? encode(picture, item, diag) : LS_ERR_NOMEM;
+    if (!err)
+        item->times = picture->times;
     if (err)
         ls_store_item_free(item);
     else

@@ -24,6 +24,7 @@
 #include "core/error.h"
 #include "core/exr.h"
 #include "daemon/diskio.h"
+#include "daemon/metrics.h"
 #include "daemon/ticket.h"
 
 #include <stdbool.h>
@@ -102,7 +103,8 @@ LS_MUST_CHECK enum ls_err ls_store_ticket(struct ls_store *store, const struct l
 struct ls_store_picture {
     const char *condition; /* id: [A-Za-z0-9_-]{1,63} */
     uint32_t camera;
-    struct ls_exr_mosaic mosaic; /* with its attributes */
+    struct ls_exr_mosaic mosaic;   /* with its attributes */
+    struct ls_picture_times times; /* counted once it is durable */
 };
 
 /**

@@ -1,10 +1,12 @@
 #include "daemon/store_writer.h"
 
+#include "daemon/realtime.h"
+
 #include <stdlib.h>
 #include <string.h>
 #include <time.h>
 
-enum { COMMIT_PICTURES = 16, ITEM_COST_BYTES = 512 /* of an item beside its bytes */ };
+enum { ITEM_COST_BYTES = 512 /* of an item beside its bytes */ };
 static const int64_t commit_ns = 50 * 1000000LL;
 static const size_t default_queue_bytes = (size_t)256 << 20;
 
@@ -99,7 +101,8 @@ static enum ls_err process(struct ls_store_writer *writer, const struct ls_store
     if (!err && ls_journal_add_batch(&writer->batch, &item->record))
         err = ls_fail(diag, LS_ERR_NOMEM, "no memory for a journal record");
     writer->batch_tickets += item->kind == LS_ITEM_TICKET;
-    writer->batch_pictures += item->kind == LS_ITEM_PICTURE;
+    if (item->kind == LS_ITEM_PICTURE)
+        writer->batch_times[writer->batch_pictures++] = item->times;
     writer->dirty[item->camera] |= item->kind == LS_ITEM_PICTURE;
     writer->raw_dirty[item->camera] |= item->kind == LS_ITEM_RAW;
     if (!writer->batch_since_ns)
@@ -122,8 +125,15 @@ static bool commit_due(const struct ls_store_writer *writer)
     bool flushing =
         writer->flush_wanted > writer->durable && writer->processed >= writer->flush_wanted;
     return flushing || (writer->stopping && !writer->first) ||
-           writer->batch_pictures >= COMMIT_PICTURES ||
+           writer->batch_pictures >= LS_COMMIT_PICTURES ||
            now_ns() - writer->batch_since_ns >= commit_ns;
+}
+
+static void count_stored(const struct ls_store_writer *writer)
+{
+    uint64_t now = ls_host_ns();
+    for (uint32_t i = 0; i < writer->batch_pictures; i++)
+        ls_metrics_stored(&writer->batch_times[i], now);
 }
 
 /* Called with the lock held; drops it while the disk works. */
@@ -133,6 +143,8 @@ static void commit_unlocked(struct ls_store_writer *writer)
     uint64_t reached = writer->processed;
     pthread_mutex_unlock(&writer->lock);
     enum ls_err err = commit(writer, &diag);
+    if (!err)
+        count_stored(writer);
     pthread_mutex_lock(&writer->lock);
     latch(writer, err, &diag);
     if (!err) {

@@ -16,6 +16,8 @@
 #include <stddef.h>
 #include <stdint.h>
 
+enum { LS_COMMIT_PICTURES = 16 };
+
 enum ls_store_item_kind {
     LS_ITEM_TICKET,
     LS_ITEM_PICTURE,
@@ -30,8 +32,9 @@ struct ls_store_item {
     enum ls_store_item_kind kind;
     struct ls_journal_batch record; /* appended once the file is in place */
     uint32_t camera;
-    char file[128]; /* PICTURE, RAW, STATE: relative to the take folder */
-    uint8_t *bytes; /* its contents, malloc */
+    struct ls_picture_times times; /* PICTURE */
+    char file[128];                /* PICTURE, RAW, STATE: relative to the take folder */
+    uint8_t *bytes;                /* its contents, malloc */
     size_t n;
 };
 
@@ -53,6 +56,7 @@ struct ls_store_writer {
     /* ls-store alone */
     struct ls_journal_batch batch;
     uint32_t batch_tickets, batch_pictures;
+    struct ls_picture_times batch_times[LS_COMMIT_PICTURES];
     int64_t batch_since_ns; /* 0 = empty */
     bool dirty[LS_FOLDER_MAX_CAMERAS], raw_dirty[LS_FOLDER_MAX_CAMERAS];
 };

@@ -197,6 +197,7 @@ static enum ls_err create_capture(struct ls_take *take, struct ls_diag *diag)
         .lights = take->rig.lights,
         .cameras = take->rig.cameras,
         .store = take->store,
+        .metrics = take->context->metrics,
         .reference_exposure_s = reference_exposure_s(take),
         .condition_done = take->done,
         .darks = (const float *const *)take->darks,

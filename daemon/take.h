@@ -19,6 +19,7 @@ struct ls_take_context {
     const struct ls_config *config;
     const char *calibration_json;             /* NULL = none */
     const struct ls_calibration *calibration; /* the same, parsed */
+    struct ls_metrics *metrics;               /* of all takes */
 };
 
 /**

@@ -36,6 +36,7 @@ static const struct pairing pairings[] = {
     {LS_MESSAGE_CANCEL, &lightstage__cancel__descriptor, &lightstage__cancel_reply__descriptor},
     {LS_MESSAGE_TAKE_SLATE, &lightstage__take_slate__descriptor,
      &lightstage__take_slate_reply__descriptor},
+    {LS_MESSAGE_METRICS, &lightstage__metrics__descriptor, &lightstage__metrics_reply__descriptor},
 };
 
 const ProtobufCMessageDescriptor *ls_message_descriptor(uint16_t type)

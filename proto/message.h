@@ -32,6 +32,7 @@ enum ls_message_type {
     LS_MESSAGE_BLANK = 14,
     LS_MESSAGE_CANCEL = 15,
     LS_MESSAGE_TAKE_SLATE = 16,
+    LS_MESSAGE_METRICS = 17,
     LS_MESSAGE_REPLY = 0x8000,
     LS_MESSAGE_ERROR = 0xffff,
 };

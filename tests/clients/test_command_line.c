@@ -50,6 +50,7 @@ static void wrong_command_lines_end_with_2_and_a_sentence(void)
         {"relight x --weights y --output z --cells smooth", "strengths already"},
         {"relight x y --output z --space xyz", "rec709-linear or camera-raw"},
         {"relight x y --output z --max-error -1", "0 or more"},
+        {"metrics --output x", "goes with --prometheus"},
     };
     for (size_t i = 0; i < G_N_ELEMENTS(cases); i++)
         expect("/nonexistent/socket", cases[i].line, 2, cases[i].sentence);
@@ -60,7 +61,7 @@ static void every_command_explains_itself(void)
     static const char *const names[] = {"status",     "rig",       "preflight",   "take start",
                                         "take list",  "take show", "take verify", "take resume",
                                         "take abort", "fetch",     "relight",     "blank",
-                                        "take slate"};
+                                        "take slate", "metrics"};
     expect("x", "--help", 0, "Exit status");
     for (size_t i = 0; i < G_N_ELEMENTS(names); i++) {
         char *line = g_strdup_printf("%s --help", names[i]);
@@ -100,6 +101,30 @@ static void reading_commands_speak_json(struct stage *stage, gconstpointer data)
     expect(stage->socket_path, preflight, 0, "\"shots\": 18");
     expect(stage->socket_path, "blank", 0, "lights are off");
     g_free(preflight);
+}
+
+static void metrics_are_told_as_text_json_and_prometheus(struct stage *stage, gconstpointer data)
+{
+    struct ls_camera_metrics *camera = &fake_engine_metrics(stage->engine)->cameras[0];
+    camera->frames_bound = 99;
+    camera->frames_discarded[LS_BIND_STALE] = 3;
+    for (int i = 0; i < 99; i++)
+        ls_histogram_add(&camera->latencies[LS_LATENCY_FRAME], i < 98 ? 1 << 20 : 50000000);
+    expect(stage->socket_path, "metrics", 0, "99 frames bound");
+    expect(stage->socket_path, "metrics", 0, "3 frames discarded: late");
+    expect(stage->socket_path, "metrics", 0, "50.00");
+    expect(stage->socket_path, "metrics --json", 0, "\"frames_bound\": 99");
+    expect(stage->socket_path, "metrics --prometheus", 0,
+           "lightstage_frames_discarded_total{camera=\"front\",reason=\"late\"} 3\n");
+    expect(stage->socket_path, "metrics --prometheus", 0,
+           "lightstage_latency_seconds_bucket{camera=\"front\",part=\"frame\",le=\"0.001048575\"} "
+           "0\n");
+    expect(stage->socket_path, "metrics --prometheus", 0,
+           "lightstage_latency_seconds_bucket{camera=\"front\",part=\"frame\",le=\"0.002097151\"} "
+           "98\n");
+    expect(stage->socket_path, "metrics --prometheus", 0,
+           "part=\"frame\",quantile=\"1\"} 0.050000000\n");
+    expect(stage->socket_path, "metrics --prometheus --output /nonexistent/x", 2, "/nonexistent");
 }
 
 static void refusals_end_with_their_class(struct stage *stage, gconstpointer data)
@@ -146,6 +171,8 @@ int main(int argc, char **argv)
                     an_answer_nobody_can_read_is_no_success);
     g_test_add_func("/lightstagectl/no-daemon-ends-with-3", no_daemon_ends_with_3);
     ADD("reading-commands-speak-json", reading_commands_speak_json);
+    ADD("metrics-are-told-as-text-json-and-prometheus",
+        metrics_are_told_as_text_json_and_prometheus);
     ADD("refusals-end-with-their-class", refusals_end_with_their_class);
     ADD("a-token-starts-once-from-two-processes", a_token_starts_once_from_two_processes);
     return g_test_run();

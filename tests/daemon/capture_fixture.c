@@ -128,6 +128,7 @@ void prepare(struct stage *s)
     s->setup = (struct ls_capture_setup){.config = &s->config,
                                          .plan = &s->plan,
                                          .store = s->store,
+                                         .metrics = &s->metrics,
                                          .reference_exposure_s = REFERENCE_S};
     plug_in(s);
 }

@@ -10,6 +10,7 @@
 #define LS_TESTS_CAPTURE_FIXTURE_H
 
 #include "daemon/capture.h"
+#include "daemon/metrics.h"
 #include "daemon/store.h"
 #include "daemon/takedir.h"
 #include "tests/daemon/fake_rig.h"
@@ -44,6 +45,7 @@ struct stage {
     const char *ids[MAX_ALL];
     struct ls_disk_shim shim;
     struct ls_store *store;
+    struct ls_metrics metrics;
     struct ls_capture_setup setup;
     struct ls_capture *capture;
     struct ls_capture_report report;

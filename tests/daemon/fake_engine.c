@@ -13,6 +13,7 @@ struct ls_engine {
     void *user;
     struct ls_take_status take;
     struct fake_engine_state state;
+    struct ls_metrics metrics;
     GMutex lock; /* of the counters that are waited for */
     GCond asked;
 };
@@ -164,6 +165,16 @@ enum ls_err ls_engine_blank(struct ls_engine *engine, struct ls_diag *diag)
 {
     engine->state.blanked++;
     return LS_OK;
+}
+
+struct ls_metrics *fake_engine_metrics(struct ls_engine *engine)
+{
+    return &engine->metrics;
+}
+
+const struct ls_metrics *ls_engine_metrics(const struct ls_engine *engine)
+{
+    return &engine->metrics;
 }
 
 const struct ls_config *ls_engine_config(const struct ls_engine *engine)

@@ -16,6 +16,9 @@ struct fake_engine_state {
 
 struct fake_engine_state *fake_engine_state(struct ls_engine *engine);
 
+/** What it says it has counted. */
+struct ls_metrics *fake_engine_metrics(struct ls_engine *engine);
+
 /** Wait until @started takes were begun and @aborted aborts asked for; the test fails after 30 s.
  * Any thread but ls-main. */
 void fake_engine_wait(struct ls_engine *engine, unsigned started, unsigned aborted);

@@ -126,7 +126,7 @@ static void test_bad_pictures(void)
     struct ls_store_config config = a_take(root);
     struct ls_store *store = create(&config);
     uint16_t half[4] = {0};
-    struct ls_store_picture ok = {"W-0001", 0, {2, 2, half, NULL, NULL, NULL}}, bad;
+    struct ls_store_picture ok = {"W-0001", 0, {2, 2, half, NULL, NULL, NULL}, {0}}, bad;
     g_assert_cmpint(ls_store_raw(store, 0, 0, 0, "raw", 3, NULL), ==, LS_ERR_STATE);
     bad = ok;
     bad.condition = "../W";

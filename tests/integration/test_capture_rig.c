@@ -4,6 +4,7 @@
  */
 #include "core/pixel.h"
 #include "daemon/capture.h"
+#include "daemon/metrics.h"
 #include "daemon/rig.h"
 #include "daemon/store.h"
 #include "daemon/takedir.h"
@@ -29,6 +30,7 @@ struct scene {
     struct ls_rig rig;
     struct ls_plan *plan;
     struct ls_store *store;
+    struct ls_metrics metrics;
     struct ls_capture *capture;
     struct ls_capture_report report;
     struct ls_diag diag;
@@ -174,6 +176,7 @@ static struct scene *set_up(const char *faults, const char *camera_extra)
                                            .lights = s->rig.lights,
                                            .cameras = s->rig.cameras,
                                            .store = s->store,
+                                           .metrics = &s->metrics,
                                            .reference_exposure_s = 0.01};
     must(ls_capture_create(&setup, &s->capture, &s->diag), &s->diag);
     return s;
