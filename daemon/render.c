@@ -219,10 +219,11 @@ static double amplification(const struct ls_render *render)
 }
 
 /* What a band of all pictures holds in memory: sums over a row of tiles and the rows kept beside
- * it, what is made of polarised pictures, and the pictures. One picture gets what it needs. */
+ * it, what is made of polarised pictures, and the pictures. One picture gets what it needs. A
+ * quarter more is at work beside them: 256 MiB are the whole. */
 static enum ls_err check_room(const struct ls_render *render, struct ls_diag *diag)
 {
-    static const double most = 256 << 20;
+    static const double most = 200 << 20;
     double sums = 0, rows = LS_TILE_SIDE + 2 * LS_DEMOSAIC_HALO;
     double row = rows * render->region.width * sizeof(float);
     for (uint32_t k = 0; k < render->n_streams; k++)
