@@ -1,5 +1,6 @@
 #include "clients/calibrate_residuals.h"
 
+#include "core/sample.h"
 #include "core/vec3.h"
 
 #include <math.h>
@@ -25,22 +26,14 @@ void ls_calibrate_remark(struct ls_calibrate_remarks *remarks, const char *fmt, 
     remarks->n++;
 }
 
-static int ascending(const void *a, const void *b)
-{
-    double x = *(const double *)a, y = *(const double *)b;
-    return (x > y) - (x < y);
-}
-
 /* sigma_k / k of the middle unflagged light. */
-static double middle_sigma(const struct ls_calibration *c, uint32_t s, double *room)
+static double middle_sigma(const struct ls_calibration *c, uint32_t s, float *room)
 {
     uint32_t n = 0;
     for (uint32_t i = 0; i < c->n_lights; i++)
         if (!c->flags[i])
-            room[n++] = (double)(c->sigma_k[(size_t)s * c->n_lights + i] /
-                                 c->k[(size_t)s * c->n_lights + i]);
-    qsort(room, n, sizeof *room, ascending);
-    return n ? room[n / 2] : 0;
+            room[n++] = c->sigma_k[(size_t)s * c->n_lights + i] / c->k[(size_t)s * c->n_lights + i];
+    return n ? (double)ls_median(room, n) : 0;
 }
 
 /* rms angle between measured and nominal directions, in lights that have one and no flag. */
@@ -104,7 +97,9 @@ static void put_gains(struct residuals *r, const struct ls_grey *grey,
                       struct ls_calibrate_remarks *remarks)
 {
     struct ls_calibration *c = r->calibration;
-    LS_CLEANUP_FREE double *room = calloc(c->n_lights, sizeof *room);
+    LS_CLEANUP_FREE float *room = calloc(c->n_lights, sizeof *room);
+    if (!room && !r->err)
+        r->err = ls_fail(r->diag, LS_ERR_NOMEM, "out of memory for residuals");
     for (uint32_t s = 0; s < c->n_channels && room; s++) {
         const char *name = c->channels[s].name;
         double sigma = middle_sigma(c, s, room);

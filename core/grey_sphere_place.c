@@ -1,5 +1,6 @@
 #include "core/grey_sphere_work.h"
 
+#include "core/sample.h"
 #include "core/vec3.h"
 
 #include <stdlib.h>
@@ -94,33 +95,21 @@ static enum ls_err look(struct ls_grey_work *w)
 
 /* ---- its shading: is it a grey sphere, and where exactly? ---- */
 
-static int ascending(const void *a, const void *b)
-{
-    double x = *(const double *)a, y = *(const double *)b;
-    return (x > y) - (x < y);
-}
-
-static double middle(double *v, uint32_t n)
-{
-    qsort(v, n, sizeof *v, ascending);
-    return n ? v[n / 2] : 0;
-}
-
 static enum ls_err judge(struct ls_grey_work *w, const struct ls_shading *fits)
 {
     struct ls_grey_view *v = &w->grey->cameras[w->camera];
     uint32_t n = 0, n_lights = w->grey->n_lights;
-    LS_CLEANUP_FREE double *misfit = calloc(2 * (size_t)n_lights, sizeof *misfit);
+    LS_CLEANUP_FREE float *misfit = calloc(2 * (size_t)n_lights, sizeof *misfit);
     if (!misfit)
         return ls_fail(w->diag, LS_ERR_NOMEM, "out of memory for a grey sphere");
-    double *rejected = misfit + n_lights;
+    float *rejected = misfit + n_lights;
     for (uint32_t i = 0; i < n_lights; i++)
         if (fits[i].lit > well_lit) {
-            misfit[n] = fits[i].misfit;
-            rejected[n++] = fits[i].rejected;
+            misfit[n] = (float)fits[i].misfit;
+            rejected[n++] = (float)fits[i].rejected;
         }
-    v->misfit = middle(misfit, n);
-    v->rejected = middle(rejected, n);
+    v->misfit = n ? (double)ls_median(misfit, n) : 0;
+    v->rejected = n ? (double)ls_median(rejected, n) : 0;
     v->saturated = w->n_px ? (double)w->n_saturated / (double)w->n_px : 0;
     if (v->saturated > most_saturated)
         return ls_fail(w->diag, LS_ERR_NOT_FOUND,
