@@ -281,6 +281,8 @@ static void read_daemon(struct ls_conf *c, struct ls_config *config, const char 
     config->retries = (uint32_t)ls_conf_int(c, "retries", 3, 0, 100);
     config->reserve_bytes =
         (uint64_t)ls_conf_int(c, "reserve_bytes", 64 << 20, 0, INT64_C(1) << 50);
+    config->queue_bytes =
+        (uint64_t)ls_conf_int(c, "queue_bytes", 256 << 20, 1 << 20, INT64_C(1) << 40);
     read_controller(c, &config->lights_driver);
     LS_CLEANUP_FREE char *rig = beside(path, ls_conf_need_string(c, "rig"));
     if (!c->err)

@@ -65,6 +65,7 @@ struct ls_config {
     uint32_t ring_slots;    /* per camera, >= 16, default 32 */
     uint32_t retries;       /* repair passes before a shot is named missing, default 3 */
     uint64_t reserve_bytes; /* disk space never used, default 64 MiB */
+    uint64_t queue_bytes;   /* memory for what waits for the disk, default 256 MiB */
 };
 
 /** Read the daemon file and the rig file it names (relative to it). (transfer full). */

@@ -195,6 +195,13 @@ enum ls_err ls_store_set_state(struct ls_store *store, const struct ls_store_end
     return err ? err : ls_store_flush(store, diag);
 }
 
+void ls_store_limit_queue(struct ls_store *store, uint64_t bytes)
+{
+    pthread_mutex_lock(&store->writer.lock);
+    store->writer.queue_limit_bytes = bytes;
+    pthread_mutex_unlock(&store->writer.lock);
+}
+
 const char *ls_store_folder(const struct ls_store *store)
 {
     return store->writer.folder.path;
@@ -216,12 +223,12 @@ static void free_store(struct ls_store *store)
     free(store);
 }
 
-static struct ls_store *new_store(size_t queue_bytes)
+static struct ls_store *new_store(void)
 {
     struct ls_store *store = calloc(1, sizeof *store);
     if (!store)
         return NULL;
-    ls_store_writer_init(&store->writer, queue_bytes);
+    ls_store_writer_init(&store->writer);
     store->published = g_hash_table_new_full(g_str_hash, g_str_equal, g_free, NULL);
     return store;
 }
@@ -286,7 +293,7 @@ static enum ls_err begin(struct ls_store *store, uint64_t need_bytes, uint64_t s
 enum ls_err ls_store_create(const struct ls_store_config *config, struct ls_store **out,
                             struct ls_diag *diag)
 {
-    struct ls_store *store = new_store(config->queue_bytes);
+    struct ls_store *store = new_store();
     if (!store)
         return ls_fail(diag, LS_ERR_NOMEM, "no memory for a take");
     enum ls_err err = make_head(config, &store->head, diag);
@@ -352,7 +359,7 @@ enum ls_err ls_store_reopen(const char *folder, uint64_t need_bytes, uint64_t sp
                             const struct ls_disk_shim *shim, struct ls_store **out,
                             struct ls_diag *diag)
 {
-    struct ls_store *store = new_store(0);
+    struct ls_store *store = new_store();
     if (!store)
         return ls_fail(diag, LS_ERR_NOMEM, "no memory for a take");
     enum ls_err err = reopen(store, folder, shim, diag);

@@ -59,7 +59,6 @@ struct ls_store_config {
     uint64_t need_bytes;  /* pictures (ls_exr_mosaic_bytes_max) and raw frames; the store adds
                              its journal and take.json */
     uint64_t spare_bytes; /* to be left free on the disk beside that */
-    size_t queue_bytes;   /* memory of waiting work, 0 = 256 MiB; one item always fits */
     const struct ls_disk_shim *shim; /* tests; NULL */
 };
 
@@ -89,6 +88,10 @@ LS_MUST_CHECK enum ls_err ls_store_create(const struct ls_store_config *config,
 LS_MUST_CHECK enum ls_err ls_store_reopen(const char *folder, uint64_t need_bytes,
                                           uint64_t spare_bytes, const struct ls_disk_shim *shim,
                                           struct ls_store **out, struct ls_diag *diag);
+
+/** Memory of waiting work, 256 MiB to begin with; one item always fits. Before anything is queued.
+ */
+void ls_store_limit_queue(struct ls_store *store, uint64_t bytes);
 
 /** Absolute or as given in root; the last component is the take's id. (transfer none). */
 const char *ls_store_folder(const struct ls_store *store);

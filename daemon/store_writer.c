@@ -252,7 +252,7 @@ enum ls_err ls_store_writer_flush(struct ls_store_writer *writer, struct ls_diag
     return err;
 }
 
-void ls_store_writer_init(struct ls_store_writer *writer, size_t queue_limit_bytes)
+void ls_store_writer_init(struct ls_store_writer *writer)
 {
     pthread_condattr_t attr;
     *writer = (struct ls_store_writer){0};
@@ -263,7 +263,7 @@ void ls_store_writer_init(struct ls_store_writer *writer, size_t queue_limit_byt
     pthread_condattr_destroy(&attr);
     pthread_mutex_init(&writer->lock, NULL);
     writer->last = &writer->first;
-    writer->queue_limit_bytes = queue_limit_bytes ? queue_limit_bytes : default_queue_bytes;
+    writer->queue_limit_bytes = default_queue_bytes;
 }
 
 enum ls_err ls_store_writer_start(struct ls_store_writer *writer, struct ls_diag *diag)

@@ -61,8 +61,8 @@ struct ls_store_writer {
     bool dirty[LS_FOLDER_MAX_CAMERAS], raw_dirty[LS_FOLDER_MAX_CAMERAS];
 };
 
-/** Lock and queue; the folder is the caller's to open. @queue_limit_bytes 0 = 256 MiB. */
-void ls_store_writer_init(struct ls_store_writer *writer, size_t queue_limit_bytes);
+/** Lock and queue; the folder is the caller's to open. */
+void ls_store_writer_init(struct ls_store_writer *writer);
 
 LS_MUST_CHECK enum ls_err ls_store_writer_start(struct ls_store_writer *writer,
                                                 struct ls_diag *diag);

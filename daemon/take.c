@@ -202,6 +202,7 @@ static enum ls_err create_capture(struct ls_take *take, struct ls_diag *diag)
         .condition_done = take->done,
         .darks = (const float *const *)take->darks,
     };
+    ls_store_limit_queue(take->store, take->context->config->queue_bytes);
     return ls_capture_create(&setup, &take->capture, diag);
 }
 

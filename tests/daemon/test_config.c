@@ -101,6 +101,7 @@ static void test_wrong_keys_and_values_are_refused(struct fixture *f, gconstpoin
         {"stroage = \"x\"; ", "unknown key stroage: expected one of storage, socket"},
         {"ring_slots = 3; ", "ring_slots: 3: expected 16 to 1024"},
         {"ring_slots = 16.5; ", "expected a whole number"},
+        {"queue_bytes = 1000; ", "queue_bytes: 1000: expected"},
         {"retries = \"three\"; ", "retries: expected a number"},
         {"retries = ; ", "daemon.conf:"},
         {"merge_threads = 1e30; ", "merge_threads"},

@@ -323,8 +323,8 @@ static void test_back_pressure(void)
     struct ls_store_config config = a_take(root);
     config.n_cameras = 4;
     config.n_shots = 4 * N_CONDITIONS;
-    config.queue_bytes = 20000; /* one picture */
     struct ls_store *store = create(&config);
+    ls_store_limit_queue(store, 20000); /* one picture */
     struct worker workers[4];
     GThread *threads[4];
     gint64 begun = g_get_monotonic_time();
