@@ -19,30 +19,61 @@ uint32_t ls_credit_limit(const struct ls_credit_camera *cameras, uint32_t n_came
     return limit;
 }
 
-void ls_credit_init(struct ls_credit *credit, uint32_t n_steps, uint32_t ring_slots, bool live,
-                    uint32_t period_us)
+static bool is_dark(const struct ls_program *program, uint32_t step)
+{
+    return program->conditions[program->steps[step].condition].kind == LS_CONDITION_DARK;
+}
+
+/* The first steps from @from on that are dark for so long that what follows is a flash. */
+static void find_break(struct ls_credit *credit, uint32_t from)
+{
+    const struct ls_program *p = credit->program;
+    uint32_t end = from;
+    for (bool found = false; !found; from = found ? from : end + 1) {
+        for (end = from; end < p->n_steps && is_dark(p, end);)
+            end++;
+        found = end == p->n_steps ||
+                (end > from && (uint64_t)(end - from + 1) * p->period_us > FLASHING_PERIOD_US);
+    }
+    credit->dark_from = from;
+    credit->lit_from = end;
+}
+
+void ls_credit_init(struct ls_credit *credit, const struct ls_program *program, uint32_t ring_slots,
+                    bool live, uint64_t started_ns)
 {
     uint32_t room = ring_slots > LS_CREDIT_SPARE ? ring_slots - LS_CREDIT_SPARE : 1;
-    *credit = (struct ls_credit){.bursts = live && period_us < FLASHING_PERIOD_US,
-                                 .n_steps = n_steps,
+    *credit = (struct ls_credit){.bursts = live && program->period_us < FLASHING_PERIOD_US,
+                                 .program = program,
                                  .burst = room,
-                                 .dark = true};
+                                 .dark = true,
+                                 .started_ns = started_ns};
+    if (credit->bursts)
+        find_break(credit, 0);
 }
 
 uint32_t ls_credit_grant(struct ls_credit *credit, uint32_t granted, uint32_t fired, uint32_t limit,
                          uint64_t now_ns)
 {
+    uint32_t most = limit > granted ? limit : granted;
     if (!credit->bursts)
-        return limit > granted ? limit : granted;
-    if (!credit->dark && granted < credit->n_steps && granted < fired + 2 && limit <= granted)
+        return most;
+    bool dry = granted < fired + 2;
+    if (granted == credit->lit_from) {
+        find_break(credit, granted);
+        credit->dark = true;
+    }
+    if (granted >= credit->dark_from)
+        return least(most, credit->lit_from);
+    if (dry && limit <= granted)
         credit->dark = true;
     if (!credit->dark)
-        return limit > granted ? limit : granted;
-    uint32_t wanted = least(credit->burst, credit->n_steps - fired);
+        return least(most, credit->lit_from);
+    uint32_t wanted = least(fired + credit->burst, credit->dark_from);
     bool rested = credit->started_ns == 0 || now_ns - credit->started_ns >= LS_CREDIT_PAUSE_NS;
-    if (!rested || limit < fired + wanted || limit <= granted)
+    if (!dry || !rested || limit < wanted || limit <= granted)
         return granted;
     credit->dark = false;
     credit->started_ns = now_ns;
-    return limit;
+    return least(most, credit->lit_from);
 }

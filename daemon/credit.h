@@ -9,11 +9,14 @@
  * trickling. Its pulses come at the planned rate or not at all: when the controller is about to
  * run dry, it stays dark until a whole burst (all the credit there can be, or all the steps that
  * are left) has gathered and at least LS_CREDIT_PAUSE_NS have passed since the last burst began,
- * so that bursts follow each other below 3 Hz. Sequences whose planned rate lies inside the band
- * were allowed by the operator and are not held back.
+ * so that bursts follow each other below 3 Hz. Dark steps in a row (darks, watches) are such a
+ * pause too: what is lit after them is a burst of its own. Sequences whose planned rate lies inside
+ * the band were allowed by the operator and are not held back.
  */
 #ifndef LS_DAEMON_CREDIT_H
 #define LS_DAEMON_CREDIT_H
+
+#include "drivers/lights.h"
 
 #include <stdbool.h>
 #include <stdint.h>
@@ -34,15 +37,17 @@ uint32_t ls_credit_limit(const struct ls_credit_camera *cameras, uint32_t n_came
 
 struct ls_credit {
     bool bursts; /* live subject at a rate above the flashing band */
-    uint32_t n_steps;
-    uint32_t burst; /* steps of a full burst */
+    const struct ls_program *program;
+    uint32_t burst;               /* steps of a full burst */
+    uint32_t dark_from, lit_from; /* the next steps whose darkness is seen; n_steps: none */
     bool dark;
-    uint64_t started_ns; /* of the current burst */
+    uint64_t started_ns; /* of the current burst, or the last one; 0 = none yet */
 };
 
-/** @ring_slots: of the smallest ring; @live, @period_us: of the plan. RT-safe. */
-void ls_credit_init(struct ls_credit *credit, uint32_t n_steps, uint32_t ring_slots, bool live,
-                    uint32_t period_us);
+/** @program: (transfer none), its steps and kinds of conditions are read later. @ring_slots: of the
+ * smallest ring; @live: of the plan; @started_ns: of the credit of the program before. RT-safe. */
+void ls_credit_init(struct ls_credit *credit, const struct ls_program *program, uint32_t ring_slots,
+                    bool live, uint64_t started_ns);
 
 /** The new value of granted (>= @granted), given what was fired and the limit. RT-safe. */
 uint32_t ls_credit_grant(struct ls_credit *credit, uint32_t granted, uint32_t fired, uint32_t limit,

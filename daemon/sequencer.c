@@ -535,8 +535,7 @@ enum ls_err ls_sequencer_run(struct ls_sequencer *sequencer, const struct ls_pro
     }
     for (uint32_t i = 0; i < sequencer->n_cameras; i++)
         run.timed_us[i][0] = run.timed_us[i][1] = sequencer->cameras[i].exposure_us;
-    ls_credit_init(&run.credit, program->n_steps, slots, sequencer->live, program->period_us);
-    run.credit.started_ns = sequencer->burst_ns;
+    ls_credit_init(&run.credit, program, slots, sequencer->live, sequencer->burst_ns);
     pthread_t thread;
     if (pthread_create(&thread, NULL, run_thread, &run))
         return ls_fail(diag, LS_ERR_OS, "cannot start the sequencer's thread");

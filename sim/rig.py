@@ -14,7 +14,8 @@ STOP_SECONDS = 30
 CALL_SECONDS = 3600
 SENSOR_MM = 11.26
 MAX_FPS = 72
-VIEWS = (("front", [0.0, 0.0, 1.6]), ("left", [-1.0, 0.2, 1.2]))  # name, position in m
+VIEWS = (("front", [0.0, 0.0, 1.6]), ("left", [-1.0, 0.2, 1.2]),  # name, position in m
+         ("right", [1.0, 0.2, 1.2]), ("above", [0.0, 1.0, 1.25]))
 READOUT_PX_PER_S = 36e6  # what the simulated sensor makes and two cores can take in, with room
 
 
@@ -102,7 +103,8 @@ class Rig:
     in pixels, one number or (width, height); region is the middle part of it that the daemon's
     camera reads out, the whole by default; positions is (file, axes, unit) as the daemon reads
     them, the simulator's own by default; cameras is how many of VIEWS there are, all alike but for
-    where they stand; wire is the controller's, as the daemon calls its driver.
+    where they stand; wire is the controller's, as the daemon calls its driver; environment is the
+    daemon's, beside this process's own.
     """
 
     def __init__(self, build, folder, size=512, scene="stilllife", channels="WRAGCBVH",
@@ -111,13 +113,13 @@ class Rig:
                  packet_size=9000, timeout_ms=2000, focal_mm=25,
                  blur_px=0, wire="modbus",
                  positions=("positions.csv", "right,up,towards", "m"), region=None,
-                 calibration="calibration.json", cameras=1):
+                 calibration="calibration.json", cameras=1, environment={}):
         self.build, self.folder = build, folder
         self.width, self.height = (size, size) if isinstance(size, int) else size
         self.channels, self.pixel_format = channels, pixel_format
         self.focal_mm, self.blur_px, self.positions = focal_mm, blur_px, positions
         self.daemon_extra, self.rig_camera_extra = daemon_extra, rig_camera_extra
-        self.calibration, self.wire = calibration, wire
+        self.calibration, self.wire, self.environment = calibration, wire, environment
         self.calibrated, self.packet_size, self.timeout_ms = calibrated, packet_size, timeout_ms
         self.region = region or (self.width, self.height)
         self.max_fps = min(MAX_FPS, READOUT_PX_PER_S / (self.region[0] * self.region[1]))
@@ -181,7 +183,7 @@ log = "shown.jsonl";
         testbed = {"UMOCKDEV_DIR": self.dome.ready["controller_path"]} if self.usb() else {}
         self.daemon = Process(self.path("daemon.log"), self.program("daemon/lightstaged"),
                               "--config", self.path("daemon.conf"),
-                              environment={**self.usb(), **testbed})
+                              environment={**self.usb(), **testbed, **self.environment})
 
     def start(self):
         self.start_simulator()
