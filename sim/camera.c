@@ -24,7 +24,7 @@ struct job {
     uint64_t frame_id; /* 0: report only */
     uint64_t acquisition;
     enum sim_camera_fate fate;
-    bool by_pulse, twice;
+    bool by_pulse, twice, leader;
     uint32_t late_ms;
     uint32_t edges; /* on Line0, this one included */
 };
@@ -40,7 +40,7 @@ struct sim_camera {
     struct sim_gvcp *gvcp;
     struct sim_gvsp *gvsp;
     pthread_t thread;
-    atomic_bool silent;
+    _Atomic uint64_t silent_until_ns;
 
     pthread_mutex_t lock; /* of everything below */
     pthread_cond_t changed;
@@ -126,6 +126,7 @@ static void expose_unlit(struct sim_camera *c, uint64_t true_ns,
                      .step = UINT32_MAX,
                      .camera = c->index},
         .fate = SIM_FATE_SENT,
+        .leader = true,
     };
     if (ready(c, true_ns))
         expose(c, &job, s);
@@ -133,16 +134,57 @@ static void expose_unlit(struct sim_camera *c, uint64_t true_ns,
         report(c, &job, SIM_FATE_MISSED_TRIGGER);
 }
 
+static void fall_silent(struct sim_camera *c, uint64_t until_ns)
+{
+    atomic_store(&c->silent_until_ns, until_ns);
+    sim_gvcp_silence(c->gvcp, until_ns);
+}
+
+static uint64_t after_ms(uint32_t ms)
+{
+    return sim_now_ns() + ms * 1000000ull;
+}
+
 static void apply_disconnects(struct sim_camera *c, uint64_t pulse)
 {
-    if (c->faults.silent_pulse && pulse >= c->faults.silent_pulse) {
-        atomic_store(&c->silent, true);
-        sim_gvcp_silence(c->gvcp);
-    }
-    if (c->faults.reboot_pulse && pulse == c->faults.reboot_pulse) {
+    const struct sim_camera_faults *f = &c->faults;
+    if (f->silent_pulse && pulse == f->silent_pulse)
+        fall_silent(c, f->silent_ms ? after_ms(f->silent_ms) : UINT64_MAX);
+    if (f->reboot_pulse && pulse == f->reboot_pulse) {
         c->acquiring = false;
+        fall_silent(c, after_ms(f->reboot_ms));
+        sim_registers_reboot(c->registers);
         sim_gvcp_release(c->gvcp);
     }
+}
+
+/** An edge on the line, at its time. */
+static void take_edge(struct sim_camera *c, struct job *job, const struct sim_camera_settings *s)
+{
+    sim_registers_set(c->registers, SIM_REG_COUNTER, ++c->edges);
+    job->edges = c->edges;
+    if (!s->trigger_on || !s->trigger_line)
+        return;
+    if (ready(c, job->exposure.true_ns))
+        expose(c, job, s);
+    else
+        report(c, job, SIM_FATE_MISSED_TRIGGER);
+}
+
+/** The line bounces: as long a pulse again, under whatever light there is then. */
+static void take_second_edge(struct sim_camera *c, const struct job *job,
+                             const struct sim_camera_settings *s)
+{
+    struct job again = {
+        .exposure = {.true_ns = job->exposure.true_ns + ns_of_us(c->faults.double_us),
+                     .exposure_us = job->exposure.exposure_us,
+                     .condition = UINT32_MAX,
+                     .step = UINT32_MAX,
+                     .camera = c->index},
+        .fate = SIM_FATE_SENT,
+        .leader = true,
+    };
+    take_edge(c, &again, s);
 }
 
 static void take_pulse(struct sim_camera *c, struct job *job, double pulse_us)
@@ -156,21 +198,22 @@ static void take_pulse(struct sim_camera *c, struct job *job, double pulse_us)
         s.trigger_width ? job->exposure.exposure_us : fmin(pulse_us, s.exposure_us);
     job->twice = holds(c->faults.duplicate_frame, pulse);
     job->late_ms = holds(c->faults.late_frame, pulse) ? c->faults.late_ms : 0;
+    job->leader = !holds(c->faults.lose_leader, pulse);
     if (holds(c->faults.lose_frame, pulse))
         job->fate = SIM_FATE_LOST_FRAME;
+    if (holds(c->faults.early_pulse, pulse)) {
+        job->exposure.true_ns -= ns_of_us(c->faults.early_us);
+        job->by_pulse = false; /* it shows whatever light there was */
+    }
     apply_disconnects(c, pulse);
-    bool dropped = holds(c->faults.drop_pulse, pulse);
-    if (!dropped)
-        sim_registers_set(c->registers, SIM_REG_COUNTER, ++c->edges);
-    job->edges = c->edges;
-    if (dropped)
+    if (holds(c->faults.drop_pulse, pulse)) {
+        job->edges = c->edges;
         report(c, job, SIM_FATE_DROPPED_PULSE);
-    else if (!s.trigger_on || !s.trigger_line)
         return;
-    else if (ready(c, job->exposure.true_ns))
-        expose(c, job, &s);
-    else
-        report(c, job, SIM_FATE_MISSED_TRIGGER);
+    }
+    take_edge(c, job, &s);
+    if (holds(c->faults.double_pulse, pulse))
+        take_second_edge(c, job, &s);
 }
 
 void sim_camera_pulse(struct sim_camera *c, uint64_t true_ns, double pulse_us, uint32_t step,
@@ -255,7 +298,7 @@ static bool still_wanted(struct sim_camera *c, const struct job *job)
     pthread_mutex_lock(&c->lock);
     bool wanted = !c->quit && job->acquisition == c->acquisition;
     pthread_mutex_unlock(&c->lock);
-    return wanted && !atomic_load(&c->silent);
+    return wanted && sim_now_ns() >= atomic_load(&c->silent_until_ns);
 }
 
 static void make_frame(struct sim_camera *c, struct job *job)
@@ -274,7 +317,7 @@ static void make_frame(struct sim_camera *c, struct job *job)
     if (!still_wanted(c, job) || !frame->port)
         job->fate = SIM_FATE_LOST_FRAME;
     if (job->fate == SIM_FATE_SENT)
-        sim_gvsp_send(c->gvsp, frame, block_id(job->frame_id), ticks);
+        sim_gvsp_send(c->gvsp, frame, block_id(job->frame_id), ticks, job->leader);
     if (job->fate == SIM_FATE_SENT && job->twice)
         sim_gvsp_repeat(c->gvsp, frame);
 }
@@ -431,7 +474,7 @@ static void on_resend(void *user, uint16_t block, uint32_t first, uint32_t last)
     struct sim_camera *c = user;
     struct sim_camera_settings s;
     settings_of(c, &s);
-    if (!atomic_load(&c->silent))
+    if (sim_now_ns() >= atomic_load(&c->silent_until_ns))
         sim_gvsp_resend(c->gvsp, &s, block, first, last);
 }
 

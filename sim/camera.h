@@ -40,11 +40,18 @@ struct sim_camera_faults {
     uint64_t lose_frame[SIM_CAMERA_MAX_FAULTS];      /* its frame is lost, beyond resend */
     uint64_t duplicate_frame[SIM_CAMERA_MAX_FAULTS]; /* its packets are all sent twice */
     uint64_t late_frame[SIM_CAMERA_MAX_FAULTS];      /* its packets leave late_ms later */
+    uint64_t early_pulse[SIM_CAMERA_MAX_FAULTS];     /* its edge comes early_us before its light */
+    uint64_t double_pulse[SIM_CAMERA_MAX_FAULTS];    /* a second edge comes double_us after it */
+    uint64_t lose_leader[SIM_CAMERA_MAX_FAULTS];     /* its leader is lost, resent it comes */
     uint32_t late_ms;
+    double early_us, double_us;
     double packet_loss;    /* probability that a stream packet is lost, resent ones too */
     uint64_t seed;         /* of packet_loss */
     uint64_t silent_pulse; /* from this pulse on it neither answers nor sends; 0 = never */
-    uint64_t reboot_pulse; /* at this pulse control and acquisition are lost; 0 = never */
+    uint32_t silent_ms;    /* for so long; 0 = for ever */
+    uint64_t reboot_pulse; /* at this pulse it forgets control, acquisition and settings: it has
+                              those of power-up then, and a gain of 6 dB; 0 = never */
+    uint32_t reboot_ms;    /* it answers again so much later */
 };
 
 struct sim_camera_config {

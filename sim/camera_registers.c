@@ -15,8 +15,8 @@
 struct sim_registers {
     ArvFakeCamera *fake;
     pthread_mutex_t lock;
+    struct sim_camera_config config; /* its numbers */
     uint32_t sensor_width, sensor_height;
-    float black_level;
     uint32_t xml_bytes;
 };
 
@@ -344,16 +344,20 @@ static void power_up_bootstrap(struct sim_registers *r, const struct sim_camera_
     set(r, SIM_REG_N_MESSAGE_CHANNELS, 0);
     set(r, SIM_REG_N_STREAM_CHANNELS, 1);
     set(r, SIM_REG_CAPABILITY, 0xc0000007); /* user name, serial; resend, writemem, concatenation */
-    set(r, SIM_REG_HEARTBEAT_MS, 3000);
     set(r, SIM_REG_TICK_HZ_HIGH, 0);
     set(r, SIM_REG_TICK_HZ_LOW, 1000000000);
+}
+
+static void power_up_features(struct sim_registers *r)
+{
+    const struct sim_camera_config *config = &r->config;
+    for (uint32_t address = SIM_REG_SENSOR_WIDTH; address <= SIM_REG_PARAMS_LOCKED; address += 4)
+        set(r, address, 0);
+    set(r, SIM_REG_HEARTBEAT_MS, 3000);
     set(r, SIM_REG_CONTROL, 0);
     set(r, SIM_REG_STREAM_PORT, 0);
     set(r, SIM_REG_PACKET_SIZE, 1500);
-}
-
-static void power_up_features(struct sim_registers *r, const struct sim_camera_config *config)
-{
+    set(r, SIM_REG_PACKET_DELAY, 0);
     double rate = config->max_frame_rate_hz > 0 ? config->max_frame_rate_hz : 100;
     set(r, SIM_REG_SENSOR_WIDTH, config->sensor_width);
     set(r, SIM_REG_SENSOR_HEIGHT, config->sensor_height);
@@ -382,13 +386,23 @@ enum ls_err sim_registers_create(const struct sim_camera_config *config, uint32_
                        config->address, strerror(errno));
     }
     pthread_mutex_init(&r->lock, NULL);
+    r->config = *config;
+    r->config.address = r->config.serial = r->config.model = NULL;
     r->sensor_width = config->sensor_width;
     r->sensor_height = config->sensor_height;
     r->xml_bytes = (uint32_t)sim_camera_xml_bytes;
     power_up_bootstrap(r, config, ip_address);
-    power_up_features(r, config);
+    power_up_features(r);
     *out = r;
     return LS_OK;
+}
+
+void sim_registers_reboot(struct sim_registers *r)
+{
+    pthread_mutex_lock(&r->lock);
+    power_up_features(r);
+    set(r, SIM_REG_GAIN, float_word(6));
+    pthread_mutex_unlock(&r->lock);
 }
 
 void sim_registers_destroy(struct sim_registers *r)

@@ -133,6 +133,9 @@ LS_MUST_CHECK enum ls_err sim_registers_create(const struct sim_camera_config *c
                                                uint32_t ip_address, struct sim_registers **out,
                                                struct ls_diag *diag);
 
+/** Power-up state again, but for the gain: 6 dB, whatever it was. */
+void sim_registers_reboot(struct sim_registers *registers);
+
 /** NULL is allowed. */
 void sim_registers_destroy(struct sim_registers *registers);
 

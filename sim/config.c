@@ -79,6 +79,7 @@ static const struct sim_key camera_keys[] = {
     {"clock_drift_ppm", SIM_KEY_DOUBLE, SIM_RANGE(struct camera, wire.clock_drift_ppm, -1e4, 1e4)},
     {"clock_epoch_ticks", SIM_KEY_U64,
      SIM_RANGE(struct camera, wire.clock_epoch_ticks, 0, I64_MAX)},
+    {"first_block", SIM_KEY_U64, SIM_RANGE(struct camera, wire.first_block, 1, 65535)},
     {"rolling", SIM_KEY_BOOL, SIM_FIELD(struct camera, wire.rolling)},
     {NULL},
 };
@@ -140,11 +141,15 @@ enum fault_kind {
     FAULT_HALT,
     FAULT_HEAT,
     FAULT_OVERHEAT,
+    FAULT_DAMAGE_ANSWER,
     /* of a camera */
     FAULT_DROP_PULSE,
     FAULT_LOSE_FRAME,
     FAULT_DUPLICATE_FRAME,
     FAULT_LATE_FRAME,
+    FAULT_EARLY_PULSE,
+    FAULT_DOUBLE_PULSE,
+    FAULT_LOSE_LEADER,
     FAULT_PACKET_LOSS,
     FAULT_SILENT,
     FAULT_REBOOT,
@@ -153,8 +158,9 @@ enum fault_kind {
 static const struct sim_key fault_keys[] = {
     {"kind", SIM_KEY_CHOICE, SIM_FIELD(struct fault, kind),
      "stall refuse disconnect interlock estop dead corrupt restart late lose_packet damage_packet "
-     "halt heat overheat "
-     "drop_pulse lose_frame duplicate_frame late_frame packet_loss silent reboot"},
+     "halt heat overheat damage_answer "
+     "drop_pulse lose_frame duplicate_frame late_frame early_pulse double_pulse lose_leader "
+     "packet_loss silent reboot"},
     {"camera", SIM_KEY_U32, SIM_RANGE(struct fault, camera, 0, SIM_MAX_CAMERAS - 1)},
     {"at", SIM_KEY_U32, SIM_RANGE(struct fault, at, 0, U32_MAX)},
     {"count", SIM_KEY_U32, SIM_RANGE(struct fault, count, 1, U32_MAX)},
@@ -349,11 +355,21 @@ static enum ls_err add_camera_fault(const config_setting_t *s, struct sim_camera
     case FAULT_LATE_FRAME:
         faults->late_ms = (uint32_t)fault->value;
         return add_pulses(s, faults->late_frame, fault, diag);
+    case FAULT_EARLY_PULSE:
+        faults->early_us = fault->value * 1e3;
+        return add_pulses(s, faults->early_pulse, fault, diag);
+    case FAULT_DOUBLE_PULSE:
+        faults->double_us = fault->value * 1e3;
+        return add_pulses(s, faults->double_pulse, fault, diag);
+    case FAULT_LOSE_LEADER:
+        return add_pulses(s, faults->lose_leader, fault, diag);
     case FAULT_SILENT:
         faults->silent_pulse = fault->at;
+        faults->silent_ms = (uint32_t)fault->value;
         return LS_OK;
     case FAULT_REBOOT:
         faults->reboot_pulse = fault->at;
+        faults->reboot_ms = (uint32_t)fault->value;
         return LS_OK;
     default:
         if (fault->value > 1)

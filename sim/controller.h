@@ -34,6 +34,7 @@ enum sim_controller_fault_kind {
     SIM_CONTROLLER_HALT,          /* USB: the event endpoint stalls after step at */
     SIM_CONTROLLER_HEAT,          /* hot_c is reached before step at, for value ms, 0 = for ever */
     SIM_CONTROLLER_OVERHEAT,      /* the same of max_c */
+    SIM_CONTROLLER_DAMAGE_ANSWER, /* serial: count answers after step at have a wrong CRC */
 };
 
 struct sim_controller_fault {

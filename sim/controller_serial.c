@@ -38,14 +38,26 @@ static unsigned answer_bytes(const uint8_t *request)
     return EMPTY_PDU + (reads ? 1 + 2 * (n < SIM_MAX_REGISTERS ? n : 0) : 4);
 }
 
-static double lateness_ms(struct sim_controller *c)
+/** Does this answer suffer? In *ms the fault's value, or 0. */
+static bool suffers(struct sim_controller *c, enum sim_controller_fault_kind kind, double *ms)
 {
     pthread_mutex_lock(&c->lock);
     const struct sim_controller_fault *fault =
-        c->fired ? sim_controller_due_from(c, SIM_CONTROLLER_LATE, c->fired - 1) : NULL;
-    double ms = fault ? fault->value : 0;
+        c->fired ? sim_controller_due_from(c, kind, c->fired - 1) : NULL;
+    *ms = fault ? fault->value : 0;
     pthread_mutex_unlock(&c->lock);
-    return ms;
+    return fault;
+}
+
+/** As long as the true answer, and begun like it: only its end shows that it is none. */
+static void answer_damaged(struct serial *serial, const uint8_t *request)
+{
+    uint8_t answer[MODBUS_MAX_ADU_LENGTH];
+    unsigned n = answer_bytes(request);
+    memset(answer, 0x5a, sizeof answer);
+    memcpy(answer, request, 2);
+    answer[2] = (uint8_t)(n - EMPTY_PDU - 1);
+    (void)!write(serial->line, answer, n < sizeof answer ? n : sizeof answer);
 }
 
 /** A controller that answers nothing lets requests pass. */
@@ -68,7 +80,13 @@ static void serve_one(struct sim_controller *c, struct serial *serial)
     if (!pace(c, length, 0) || lets_pass(c))
         return;
     int act = sim_modbus_act(&serial->modbus, c, request, length);
-    if (pace(c, answer_bytes(request), lateness_ms(c)))
+    double late_ms, unused;
+    (void)suffers(c, SIM_CONTROLLER_LATE, &late_ms);
+    if (!pace(c, answer_bytes(request), late_ms))
+        return;
+    if (suffers(c, SIM_CONTROLLER_DAMAGE_ANSWER, &unused))
+        answer_damaged(serial, request);
+    else
         (void)!sim_modbus_answer(&serial->modbus, request, length, act);
 }
 

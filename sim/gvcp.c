@@ -32,7 +32,8 @@ struct sim_gvcp {
     struct sim_gvcp_hooks hooks;
     int socket, broadcast, kick; /* kick: to quit, or to lose the controller now */
     pthread_t thread;
-    atomic_bool silent, release, quit;
+    _Atomic uint64_t silent_until_ns;
+    atomic_bool release, quit;
     bool controlled;
     struct sockaddr_in controller;
     uint64_t heard_ns;
@@ -215,7 +216,7 @@ static void serve(struct sim_gvcp *g, int fd)
     socklen_t size = sizeof x.from;
     ssize_t n =
         recvfrom(fd, packet, sizeof packet, MSG_DONTWAIT, (struct sockaddr *)&x.from, &size);
-    if (n < HEADER_BYTES || packet[0] != KEY || atomic_load(&g->silent))
+    if (n < HEADER_BYTES || packet[0] != KEY || sim_now_ns() < atomic_load(&g->silent_until_ns))
         return;
     x.command = (uint16_t)(packet[2] << 8 | packet[3]);
     x.id = (uint16_t)(packet[6] << 8 | packet[7]);
@@ -320,9 +321,9 @@ enum ls_err sim_gvcp_create(uint32_t ip_address, struct sim_registers *registers
     return LS_OK;
 }
 
-void sim_gvcp_silence(struct sim_gvcp *g)
+void sim_gvcp_silence(struct sim_gvcp *g, uint64_t until_ns)
 {
-    atomic_store(&g->silent, true);
+    atomic_store(&g->silent_until_ns, until_ns);
 }
 
 void sim_gvcp_release(struct sim_gvcp *g)

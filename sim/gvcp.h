@@ -30,8 +30,8 @@ LS_MUST_CHECK enum ls_err sim_gvcp_create(uint32_t ip_address, struct sim_regist
                                           const struct sim_gvcp_hooks *hooks, struct sim_gvcp **out,
                                           struct ls_diag *diag);
 
-/** Answer nothing from now on: the cable is out. */
-void sim_gvcp_silence(struct sim_gvcp *gvcp);
+/** Answer nothing until @until_ns: the cable is out. UINT64_MAX: for ever. */
+void sim_gvcp_silence(struct sim_gvcp *gvcp, uint64_t until_ns);
 
 /** Forget the controller as a power cycle does. */
 void sim_gvcp_release(struct sim_gvcp *gvcp);

@@ -208,7 +208,8 @@ struct sim_gvsp_frame *sim_gvsp_begin(struct sim_gvsp *g,
     return &slot->frame;
 }
 
-void sim_gvsp_send(struct sim_gvsp *g, struct sim_gvsp_frame *frame, uint16_t block, uint64_t ticks)
+void sim_gvsp_send(struct sim_gvsp *g, struct sim_gvsp_frame *frame, uint16_t block, uint64_t ticks,
+                   bool leader)
 {
     struct slot *slot = (struct slot *)frame;
     pthread_mutex_lock(&g->lock);
@@ -216,7 +217,7 @@ void sim_gvsp_send(struct sim_gvsp *g, struct sim_gvsp_frame *frame, uint16_t bl
     frame->ticks = ticks;
     slot->kept = true;
     pthread_mutex_unlock(&g->lock);
-    send_range(g, frame, 0, frame->n_payload_packets + 1);
+    send_range(g, frame, leader ? 0 : 1, frame->n_payload_packets + 1);
 }
 
 void sim_gvsp_repeat(struct sim_gvsp *g, const struct sim_gvsp_frame *frame)

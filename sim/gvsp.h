@@ -42,9 +42,10 @@ uint16_t sim_gvsp_source_port(const struct sim_gvsp *gvsp);
 struct sim_gvsp_frame *sim_gvsp_begin(struct sim_gvsp *gvsp,
                                       const struct sim_camera_settings *settings);
 
-/** Send a begun frame as @block with timestamp @ticks; from now on it can be resent. */
+/** Send a begun frame as @block with timestamp @ticks; from now on it can be resent. Without its
+ * @leader that packet is lost on the way. */
 void sim_gvsp_send(struct sim_gvsp *gvsp, struct sim_gvsp_frame *frame, uint16_t block,
-                   uint64_t ticks);
+                   uint64_t ticks, bool leader);
 
 /** Send a sent frame once more, whole. */
 void sim_gvsp_repeat(struct sim_gvsp *gvsp, const struct sim_gvsp_frame *frame);

@@ -109,7 +109,7 @@ class Rig:
 
     def __init__(self, build, folder, size=512, scene="stilllife", channels="WRAGCBVH",
                  scene_extra="", camera_extra="", simulator_extra="", daemon_extra="",
-                 rig_camera_extra="", cfa="RG", pixel_format="BayerRG12", calibrated=True,
+                 rig_camera_extra="", controller_extra="", cfa="RG", pixel_format="BayerRG12", calibrated=True,
                  packet_size=9000, timeout_ms=2000, focal_mm=25,
                  blur_px=0, wire="modbus",
                  positions=("positions.csv", "right,up,towards", "m"), region=None,
@@ -125,7 +125,9 @@ class Rig:
         self.max_fps = min(MAX_FPS, READOUT_PX_PER_S / (self.region[0] * self.region[1]))
         self.addresses = [loopback(k + 1) for k in range(cameras)]
         self.dome = self.daemon = None
+        self.preload = []  # libraries of the daemon alone
         self.scene = (scene, scene_extra, cfa, camera_extra, simulator_extra)
+        self.controller_extra = controller_extra
         self.write_simulator("" if wire == "modbus" else f'wire = "{wire}";')
         self.simulator("describe", "--pixel-format", pixel_format, "--output", folder)
 
@@ -145,7 +147,7 @@ class Rig:
 scene = {{ scene = "{scene}"; {scene_extra} }};
 cameras = ({cameras} );
 log = "shown.jsonl";
-{f"controller = {{ {controller} }};" if controller else ""}
+controller = {{ {controller} {self.controller_extra} }};
 {simulator_extra}
 """)
 
@@ -181,9 +183,12 @@ log = "shown.jsonl";
     def start_daemon(self):
         self.write_configuration()
         testbed = {"UMOCKDEV_DIR": self.dome.ready["controller_path"]} if self.usb() else {}
+        preload = ":".join([*self.usb().values(), *self.preload])
+        if preload:
+            testbed["LD_PRELOAD"] = preload
         self.daemon = Process(self.path("daemon.log"), self.program("daemon/lightstaged"),
                               "--config", self.path("daemon.conf"),
-                              environment={**self.usb(), **testbed, **self.environment})
+                              environment={**testbed, **self.environment})
 
     def start(self):
         self.start_simulator()
