@@ -292,9 +292,9 @@ static enum ls_err aravis_apply(void *priv, const struct ls_camera_config *confi
 static enum ls_err wait_for_thread(struct aravis *a, struct ls_diag *diag)
 {
     struct timespec until;
-    clock_gettime(CLOCK_REALTIME, &until);
+    clock_gettime(CLOCK_MONOTONIC, &until);
     until.tv_sec += 2;
-    while (sem_timedwait(&a->receiving, &until))
+    while (sem_clockwait(&a->receiving, CLOCK_MONOTONIC, &until))
         if (errno != EINTR)
             return ls_fail(diag, LS_ERR_OS, "camera %s: its receive thread did not start",
                            a->address);

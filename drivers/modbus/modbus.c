@@ -25,8 +25,10 @@ struct modbus_link {
     unsigned timeout_ms;
     unsigned baud; /* serial */
     bool serial;
-    bool late;      /* serial: an answer may still be on its way */
-    char name[160]; /* of the other end, for people */
+    unsigned turn_ms; /* serial: the longest request and its answer */
+    unsigned late_ms; /* serial: an answer may still be on its way, or lie there, until the line has
+                         been quiet for so long; at first one to whoever used it before us */
+    char name[160];   /* of the other end, for people */
 };
 
 static struct modbus_link *of(struct ls_link *link)
@@ -44,7 +46,7 @@ static enum ls_err lost(struct ls_link *link, const char *doing, int error, stru
 {
     struct modbus_link *m = of(link);
     bool timeout = error == ETIMEDOUT || error == EINPROGRESS;
-    m->late = m->serial;
+    m->late_ms = timeout && m->serial ? m->timeout_ms : m->turn_ms;
     link_disconnect(link);
     if (timeout)
         return ls_fail(diag, LS_ERR_TIMEOUT,
@@ -55,16 +57,16 @@ static enum ls_err lost(struct ls_link *link, const char *doing, int error, stru
                    modbus_strerror(error));
 }
 
-/* Discard what comes until nothing has come for one timeout, but not for longer than two. */
+/* Discard what comes until nothing has come for late_ms, but not for longer than twice that. */
 static void let_pass(struct modbus_link *m)
 {
     uint8_t bytes[256];
-    int64_t limit = ls_link_now_ms() + 2 * (int64_t)m->timeout_ms;
+    int64_t limit = ls_link_now_ms() + 2 * (int64_t)m->late_ms;
     struct pollfd fd = {.fd = modbus_get_socket(m->modbus), .events = POLLIN};
-    while (ls_link_now_ms() < limit && poll(&fd, 1, (int)m->timeout_ms) > 0)
+    while (ls_link_now_ms() < limit && poll(&fd, 1, (int)m->late_ms) > 0)
         if (read(fd.fd, bytes, sizeof bytes) <= 0)
             break;
-    m->late = false;
+    m->late_ms = 0;
 }
 
 static enum ls_err link_connect(struct ls_link *link, struct ls_diag *diag)
@@ -75,7 +77,7 @@ static enum ls_err link_connect(struct ls_link *link, struct ls_diag *diag)
     if (modbus_connect(m->modbus))
         return lost(link, "connecting", errno, diag);
     link->connected = true;
-    if (m->late)
+    if (m->late_ms)
         let_pass(m);
     return LS_OK;
 }
@@ -262,6 +264,7 @@ static enum ls_err create_rtu(const struct ls_lights_config *config, struct ls_l
         return ls_fail(diag, LS_ERR_NOMEM, "out of memory");
     m->serial = true;
     m->baud = config->baud;
+    m->turn_ms = m->late_ms = least;
     snprintf(m->name, sizeof m->name, "%s at %u baud", config->address, config->baud);
     return finish_create(m, modbus_new_rtu(config->address, (int)config->baud, 'N', 8, 1), config,
                          out, diag);

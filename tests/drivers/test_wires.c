@@ -7,8 +7,11 @@
 #include "drivers/usb/usb.h"
 #include "tests/drivers/dome_fixture.h"
 
+#include <fcntl.h>
 #include <glib.h>
+#include <poll.h>
 #include <string.h>
+#include <unistd.h>
 
 enum { STEPS = 100, BOOT = 0x12345 };
 
@@ -288,6 +291,33 @@ static void test_late_answers(void)
     dome_stop(&dome);
 }
 
+/* Somebody asked before us and died: its answer lies there. */
+static void test_answer_to_another(void)
+{
+    static const uint8_t ask[] = {1, 3, 0, 0, 0, 8, 0x44, 0x0c}; /* the identity's first 8 */
+    struct sim_controller_config config = dome_small();
+    config.wire = SIM_WIRE_MODBUS_RTU;
+    struct dome dome = dome_start(&config);
+    struct ls_lights_config address = dome_address(&dome);
+    struct ls_lights *lights;
+    struct ls_diag diag = {0};
+    int line = open(address.address, O_RDWR | O_NOCTTY);
+    struct pollfd answered = {.fd = line, .events = POLLIN};
+    g_assert_cmpint(write(line, ask, sizeof ask), ==, sizeof ask);
+    g_assert_cmpint(poll(&answered, 1, 10000), ==, 1);
+    close(line);
+    must(ls_lights_open(&address, &lights, &diag), &diag);
+    fire(lights);
+    ls_lights_close(lights);
+    dome_stop(&dome);
+}
+
+static void test_damaged_answers(void)
+{
+    run_with(SIM_WIRE_MODBUS_RTU,
+             (struct sim_controller_fault){SIM_CONTROLLER_DAMAGE_ANSWER, 10, 1, 0});
+}
+
 static void test_baud(void)
 {
     struct ls_lights_config address = {
@@ -379,6 +409,8 @@ int main(int argc, char **argv)
     g_test_add_func("/wires/usb/a-full-queue-keeps-what-came-first", test_full_queue);
     g_test_add_func("/wires/a-refused-reconnection-says-why", test_refused_by_the_host);
     g_test_add_func("/wires/rtu/a-late-answer-is-no-answer-to-the-next", test_late_answers);
+    g_test_add_func("/wires/rtu/an-answer-to-another-is-let-pass", test_answer_to_another);
+    g_test_add_func("/wires/rtu/a-damaged-answer-is-asked-for-again", test_damaged_answers);
     g_test_add_func("/wires/rtu/rates-and-timeouts-that-cannot-work-are-refused", test_baud);
     return g_test_run();
 }
