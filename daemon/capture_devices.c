@@ -7,7 +7,7 @@ enum {
     MAX_SLOTS = 512,
     MARGIN_US = 300000,  /* what a loaded host may add to a frame's way */
     STALL_US = 10000000, /* the controller may pause this long before it counts as stuck */
-    TIGHT_US = 500,      /* a camera's start of exposure against the pulse: delay and jitter */
+    JITTER_US = 20, /* a sensor that starts with its next line, 10 us each, is late by up to that */
 };
 
 static uint32_t longest_pulse_us(const struct ls_plan *plan)
@@ -142,11 +142,12 @@ static struct ls_bind_config bind_config(const struct ls_capture *c, uint32_t i)
     const struct ls_camera_info *info = ls_camera_info(c->setup.cameras[i]);
     const struct ls_sequencer_camera *camera = &c->sequencer.cameras[i];
     double window_us = c->setup.plan->period_us / 4.0;
+    double early_us = c->setup.plan->pulse_us[0] / 20.0; /* so much of a pulse may be missed */
     return (struct ls_bind_config){.by_time = camera->by_time,
                                    .has_counter = info->has_trigger_counter && !camera->software,
                                    .has_exposure = info->has_chunk_exposure,
                                    .window_us = window_us,
-                                   .tight_us = fmin(window_us, TIGHT_US),
+                                   .tight_us = fmin(window_us, fmax(JITTER_US, early_us)),
                                    .event_delay_us =
                                        longest_pulse_us(c->setup.plan) + MARGIN_US / 2.0,
                                    .patience_us = (double)c->patience_us,

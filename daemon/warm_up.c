@@ -14,6 +14,7 @@ enum {
     INTERVAL_US = 7000, /* longer by this from pulse to pulse */
     CLOCK_FLOOR_NS = 2000,
     AGREE_NS = 2000000, /* two timestamps of one pulse, clocks not yet fitted */
+    JITTER_NS = 20000,  /* off the fitted line: a sensor that starts with its next line, of 10 us */
 };
 
 #define AGREE_SHARE 500e-6 /* drift that two healthy clocks can have against each other */
@@ -164,8 +165,12 @@ static enum ls_err follow(struct warming *w, uint32_t index, const struct ls_cam
     track->camera_ns = frame->camera_ns;
     track->pulse_ns = pulse_ns;
     camera->anchor = *frame;
-    return camera->by_time ? ls_clock_add(&camera->clock, frame->camera_ns, pulse_ns, pulse_ns)
-                           : LS_OK;
+    if (!camera->by_time)
+        return LS_OK;
+    enum ls_err err = ls_clock_add(&camera->clock, frame->camera_ns, pulse_ns, pulse_ns);
+    if (camera->clock.residual_max > JITTER_NS) /* one of them was not at its pulse's time */
+        track->good = 0;
+    return err;
 }
 
 /* Whatever came of earlier pulses after their patience. */

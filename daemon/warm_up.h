@@ -8,7 +8,8 @@
  * frame taken for its neighbour's cannot give a consistent clock. From the pairs (camera time,
  * pulse time) the camera's clock is fitted to the controller's; where the camera can latch its
  * clock, latches and the controller's status reads, both fitted to host time, must say the same.
- * The last frame becomes the anchor that binding counts from.
+ * Pulses whose frames are not on one line, within 20 us, are fired again. The last frame becomes the
+ * anchor that binding counts from.
  */
 #ifndef LS_DAEMON_WARM_UP_H
 #define LS_DAEMON_WARM_UP_H
