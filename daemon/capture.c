@@ -86,19 +86,25 @@ enum ls_err ls_capture_create(const struct ls_capture_setup *setup, struct ls_ca
     return LS_OK;
 }
 
+static enum ls_err shoot(struct ls_capture *c, struct ls_diag *diag)
+{
+    enum ls_err err = ls_capture_start_cameras(c, diag);
+    if (!err)
+        err = ls_warm_up_run(&c->warm_up, diag);
+    if (!err)
+        err = ls_capture_start_threads(c, diag);
+    if (!err)
+        err = ls_capture_shoot_all(c, diag);
+    ls_capture_wind_down(c);
+    return err;
+}
+
 enum ls_err ls_capture_run(struct ls_capture *capture, struct ls_capture_report *report,
                            struct ls_diag *diag)
 {
     struct ls_diag why = {{0}};
     *report = (struct ls_capture_report){0};
-    enum ls_err err = ls_capture_start_cameras(capture, &why);
-    if (!err)
-        err = ls_warm_up_run(&capture->warm_up, &why);
-    if (!err)
-        err = ls_capture_start_threads(capture, &why);
-    if (!err)
-        err = ls_capture_shoot_all(capture, &why);
-    ls_capture_wind_down(capture);
+    enum ls_err err = capture->steps_planned ? shoot(capture, &why) : LS_OK;
     if (!err && atomic_load(capture->sequencer.failure))
         err = LS_ERR_STATE;
     if (err)

@@ -57,10 +57,11 @@ LS_MUST_CHECK enum ls_err ls_capture_create(const struct ls_capture_setup *setup
                                             struct ls_capture **out, struct ls_diag *diag);
 
 /**
- * Run to the end: complete, aborted, or failed. LEDs are dark on return, whatever happened. Every
- * stored condition is durable on return. Errors: LS_ERR_ABORTED; LS_ERR_GONE / LS_ERR_TIMEOUT
- * (device lost; the take can be resumed); LS_ERR_REFUSED (interlock, fault); LS_ERR_FULL and
- * LS_ERR_OS (store). LS_OK with report.missing_conditions > 0: shots that could not be repaired.
+ * Run to the end: complete, aborted, or failed. Nothing is fired if nothing is missing. LEDs are
+ * dark on return, whatever happened. Every stored condition is durable on return. Errors:
+ * LS_ERR_ABORTED; LS_ERR_GONE / LS_ERR_TIMEOUT (device lost; the take can be resumed);
+ * LS_ERR_REFUSED (interlock, fault); LS_ERR_FULL and LS_ERR_OS (store). LS_OK with
+ * report.missing_conditions > 0: shots that could not be repaired.
  */
 LS_MUST_CHECK enum ls_err ls_capture_run(struct ls_capture *capture,
                                          struct ls_capture_report *report, struct ls_diag *diag);

@@ -72,7 +72,7 @@ static void add_watch(struct stage *s, int index)
 static void make_plan(struct stage *s)
 {
     s->plan = (struct ls_plan){.subject = s->live ? LS_SUBJECT_LIVE : LS_SUBJECT_STILL,
-                               .keep_raw = true,
+                               .keep_raw = s->plan.keep_raw,
                                .period_us = PERIOD_US,
                                .n_exposures = N_EXPOSURES,
                                .pulse_us = {100, 500, 2000},
@@ -81,7 +81,7 @@ static void make_plan(struct stage *s)
                                .leds = s->leds};
     for (uint8_t e = 0; e < N_EXPOSURES; e++)
         add_condition(s, -1, e, N_DARKS);
-    for (int i = 0; i < N_LIGHTS; i++) {
+    for (int i = 0; i < s->n_lights; i++) {
         add_condition(s, i, 0, N_EXPOSURES);
         if (s->watches && (i + 1) % (N_LIGHTS / N_WATCHES) == 0)
             add_watch(s, (i + 1) / (N_LIGHTS / N_WATCHES) - 1);
@@ -92,6 +92,8 @@ struct stage *new_stage(void)
 {
     struct stage *s = g_new0(struct stage, 1);
     s->root = new_root();
+    s->n_lights = N_LIGHTS;
+    s->plan.keep_raw = true;
     s->options = (struct fake_options){.n_cameras = 1, .lose_light = -1};
     return s;
 }
@@ -106,7 +108,7 @@ static void open_store(struct stage *s)
                                            .n_shots = s->plan.n_steps * s->config.n_cameras,
                                            .conditions = s->ids,
                                            .n_conditions = s->plan.n_conditions,
-                                           .keep_raw = true,
+                                           .keep_raw = s->plan.keep_raw,
                                            .need_bytes = 1 << 20,
                                            .shim = s->shim.before ? &s->shim : NULL};
     g_assert_cmpint(ls_store_create(&config, &s->store, &s->diag), ==, LS_OK);
@@ -120,16 +122,21 @@ static void plug_in(struct stage *s)
     s->setup.cameras = fake_rig_cameras(s->rig);
 }
 
-void prepare(struct stage *s)
+void describe(struct stage *s)
 {
     make_config(s);
     make_plan(s);
-    open_store(s);
     s->setup = (struct ls_capture_setup){.config = &s->config,
                                          .plan = &s->plan,
-                                         .store = s->store,
                                          .metrics = &s->metrics,
                                          .reference_exposure_s = REFERENCE_S};
+}
+
+void prepare(struct stage *s)
+{
+    describe(s);
+    open_store(s);
+    s->setup.store = s->store;
     plug_in(s);
 }
 
@@ -153,7 +160,7 @@ void clear(struct stage *s)
 {
     ls_capture_destroy(s->capture);
     (void)ls_store_close(s->store, NULL);
-    fake_rig_free(s->rig);
+    g_clear_pointer(&s->rig, fake_rig_free);
     remove_tree(s->root);
     g_free(s->root);
     g_free(s->folder);
@@ -265,7 +272,7 @@ void resume(struct stage *s)
 {
     ls_capture_destroy(s->capture);
     g_assert_cmpint(ls_store_close(s->store, NULL), ==, LS_OK);
-    fake_rig_free(s->rig);
+    g_clear_pointer(&s->rig, fake_rig_free);
     uint32_t done = read_done(s);
     g_assert_cmpint(ls_store_reopen(s->folder, 1 << 20, 0, NULL, &s->store, &s->diag), ==, LS_OK);
     s->setup.store = s->store;

@@ -39,6 +39,7 @@ struct stage {
     struct ls_config_light lights[N_LIGHTS];
     struct ls_plan plan;
     bool watches, live;
+    int n_lights; /* N_LIGHTS, unless a test wants a shorter take */
     struct ls_plan_condition conditions[MAX_ALL];
     struct ls_plan_step steps[MAX_STEPS];
     struct ls_led leds[N_LIGHTS];
@@ -54,10 +55,13 @@ struct stage {
     float *darks[N_EXPOSURES];
 };
 
-/** One camera, no faults, no watches. */
+/** One camera, no faults, no watches, raw frames kept. */
 struct stage *new_stage(void);
 
-/** Config, plan, rig and store. */
+/** Config and plan. */
+void describe(struct stage *s);
+
+/** These, rig and store. */
 void prepare(struct stage *s);
 
 /** Prepare, and a capture ready to run. */
@@ -66,7 +70,8 @@ void set_up(struct stage *s);
 /** Set up and run; the rig must be dark afterwards and its rings never full. */
 enum ls_err shoot(struct stage *s);
 
-/** Run what an earlier run left undone, as after a restart: no more than that is shot. */
+/** Run what an earlier run left undone, as after a restart: no more than that is shot. The earlier
+ * run may have been another process's: a stage that was only described, with its folder. */
 void resume(struct stage *s);
 
 /** Every kept frame shows what its ticket says it shows; returns how many do not. */
