@@ -78,11 +78,22 @@ static enum ls_err put_file(struct ls_store_writer *writer, const struct ls_stor
     return err;
 }
 
+static enum ls_err add_record(struct ls_store_writer *writer, const struct ls_store_item *item,
+                              struct ls_diag *diag)
+{
+    if (ls_journal_add_batch(&writer->batch, &item->record))
+        return ls_fail(diag, LS_ERR_NOMEM, "no memory for a journal record");
+    return LS_OK;
+}
+
+/* The journal first: what take.json calls complete has no torn end that nobody will cut off. */
 static enum ls_err put_state(struct ls_store_writer *writer, const struct ls_store_item *item,
                              struct ls_diag *diag)
 {
     struct ls_take_folder *folder = &writer->folder;
-    enum ls_err err = commit(writer, diag);
+    enum ls_err err = add_record(writer, item, diag);
+    if (!err)
+        err = commit(writer, diag);
     if (!err)
         err = put_file(writer, item, diag);
     if (!err)
@@ -93,13 +104,12 @@ static enum ls_err put_state(struct ls_store_writer *writer, const struct ls_sto
 static enum ls_err process(struct ls_store_writer *writer, const struct ls_store_item *item,
                            struct ls_diag *diag)
 {
-    enum ls_err err = LS_OK;
-    if (item->kind == LS_ITEM_STATE)
-        err = put_state(writer, item, diag);
-    else if (item->bytes)
+    bool state = item->kind == LS_ITEM_STATE;
+    enum ls_err err = state ? put_state(writer, item, diag) : LS_OK;
+    if (!state && item->bytes)
         err = put_file(writer, item, diag);
-    if (!err && ls_journal_add_batch(&writer->batch, &item->record))
-        err = ls_fail(diag, LS_ERR_NOMEM, "no memory for a journal record");
+    if (!state && !err)
+        err = add_record(writer, item, diag);
     writer->batch_tickets += item->kind == LS_ITEM_TICKET;
     if (item->kind == LS_ITEM_PICTURE)
         writer->batch_times[writer->batch_pictures++] = item->times;
