@@ -8,6 +8,7 @@ usage: tests/run [SUITE]       (tests/run installs what is missing, then starts 
   full      also the long variants of the random tests
   sanitize  unit tests under AddressSanitizer and UndefinedBehaviorSanitizer
   tsan      the daemon's unit tests under ThreadSanitizer
+  soak      200 short takes under random mixtures of faults: tests/run soak [--takes N] [--seed S]
 """
 import json
 import os
@@ -16,6 +17,7 @@ import sys
 import xml.etree.ElementTree as xml
 
 ROOT = os.path.dirname(os.path.dirname(os.path.abspath(__file__)))
+SOAK = os.path.join(ROOT, "tests", "integration", "soak.py")
 SANITIZE = ["-Db_sanitize=address,undefined", "-Db_lundef=false"]
 
 
@@ -98,7 +100,15 @@ def meson_test(folder, selection, env=None):
     return (first[0] + (0 if second[1] else first[1]), second[1], first[2], second[3])
 
 
+def soak(arguments):
+    folder = build("build")
+    return 2 if not folder else call("/usr/bin/python3", "-B", SOAK, *arguments,
+                                     env={"LS_SOURCE_ROOT": ROOT, "LS_BUILD_ROOT": folder})
+
+
 def main():
+    if sys.argv[1:2] == ["soak"]:
+        return soak(sys.argv[2:])
     suite = sys.argv[1] if len(sys.argv) > 1 else "default"
     if suite in ("-h", "--help") or suite not in ("default", "ci", "full", "sanitize", "tsan"):
         print(__doc__)

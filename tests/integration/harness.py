@@ -20,6 +20,7 @@ sys.path.insert(0, os.path.join(ROOT, "sim"))
 import rig as stage  # noqa: E402
 
 Failed = stage.Failed
+ILL_HOST = os.path.join(BUILD, "tests", "integration", "libill_host.so")
 PLAN = """subject = "still";
 exposures_us = [500, 2500, 12500];
 darks = 8;

@@ -15,6 +15,7 @@ GRID, RECORD_BYTES = 16, 28  # of a stamp: sim/stamp.h
 # exposures each: a pulse's number since the start of the simulator is
 WARM_UP, DARKS, LIGHTS = 5, 24, 54
 FIRST_DARK, FIRST_LIGHT, LAST = WARM_UP + 1, WARM_UP + DARKS + 1, WARM_UP + DARKS + LIGHTS
+LIT_SHARE = 0.9  # of an exposure; what may be missing is an edge too early to be told from jitter
 # More lights, no spheres: time enough to interfere.
 LONG = """subject = "still";
 exposures_us = [500, 2500, 12500];
@@ -183,15 +184,20 @@ def stamp(path):
     if at(RECORD_BYTES, 4) != crc32c(found[:RECORD_BYTES]):
         return None
     return {"kind": ("dark", "one", "sphere", "segment")[at(0, 2)], "light": at(4, 2),
-            "channel": at(6, 1), "camera": at(7, 1), "exposure_us": at(16, 4) / 100}
+            "channel": at(6, 1), "camera": at(7, 1), "exposure_us": at(16, 4) / 100,
+            "lit_us": at(20, 4) / 100}
 
 
-def mislabeled_pixels(rig, take, channels="WRAGCBVH"):
-    """Shots whose kept pixels show something else than the take says they do."""
+def mislabeled_pixels(rig, take, channels="WRAGCBVH", only=None):
+    """Shots whose kept pixels show something else than the take says they do; only: pictures
+    ("cam0/W-0003") whose shots are looked at, of a take that is not complete."""
     plan = document(rig, take)["plan"]["conditions"]
     latest = {t["shot"]: t for t in records(rig, take, "ticket") if t["status"] == "ok"}
     wrong = []
     for shot, ticket in latest.items():
+        name = f"cam{ticket['camera']}/{plan[ticket['condition']]['id']}"
+        if only is not None and name not in only:
+            continue
         seen = stamp(os.path.join(folder(rig, take), f"cam{ticket['camera']}", "raw",
                                   f"{shot}-{ticket['attempt']}.raw"))
         asked = plan[ticket["condition"]]
@@ -201,7 +207,8 @@ def mislabeled_pixels(rig, take, channels="WRAGCBVH"):
         right = (seen and seen["kind"] == asked["kind"] and seen["camera"] == ticket["camera"] and
                  (asked["kind"] == "dark" or channels[seen["channel"]] == asked["channel"]) and
                  (light is None or seen["light"] == light) and
-                 abs(seen["exposure_us"] - ticket["exposure_used_us"]) < near)
+                 abs(seen["exposure_us"] - ticket["exposure_used_us"]) < near and
+                 (asked["kind"] == "dark" or seen["lit_us"] > LIT_SHARE * seen["exposure_us"]))
         if not right:
             wrong.append((shot, asked["id"], seen))
     return wrong

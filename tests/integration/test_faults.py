@@ -80,6 +80,30 @@ def test_a_late_and_a_duplicate_frame_are_taken_for_no_other(folder):
                      f'{{ kind = "duplicate_frame"; at = {takes.FIRST_LIGHT + 30}; count = 3; }}')
 
 
+def test_early_and_doubled_pulses_are_shot_again_and_a_lost_leader_comes_again(folder):
+    # a tenth of a millisecond before a light of half of one; a bounce that exposes, and one that
+    # hides in the readout; edges before the clocks are set are not believed
+    first = takes.FIRST_LIGHT
+    rig, _, judged, alarms = repaired(
+        folder, f'{{ kind = "early_pulse"; at = {first + 18}; value = 0.1; }}, '
+                f'{{ kind = "early_pulse"; at = 3; value = 0.1; }}, '
+                f'{{ kind = "double_pulse"; at = {first + 32}; value = 0.1; }}, '
+                f'{{ kind = "lose_leader"; at = {first + 44}; count = 2; }}',
+        words=("time disagrees", "ids or trigger counter disagree"))
+    assert judged["shots_repaired"] >= 2, judged
+    takes.says(" ".join(alarms), "packets were lost and sent again")
+
+
+def test_a_wall_clock_that_steps_changes_nothing(folder):
+    rig = harness.twelve(folder, scene="stamp")
+    rig.preload = [harness.ILL_HOST]
+    rig.environment = {"LS_ILL_WALL_S": "-86400", "LS_ILL_WALL_AFTER_MS": "300"}
+    rig.start()
+    code, status, err = takes.photograph(rig)
+    assert code == 0 and status["state"] == "complete", (err, status)
+    assert takes.is_good(rig, status["id"])["shots_repaired"] == 0
+
+
 def test_a_controller_that_pauses_is_waited_for(folder):
     repaired(folder, '{ kind = "stall"; at = 30; value = 1500; }', shots=0)
 
