@@ -1,6 +1,7 @@
 #include "daemon/takedir.h"
 
 #include "core/crc32c.h"
+#include "daemon/take_links.h"
 #include "daemon/tilesum.h"
 
 #include <fcntl.h>
@@ -180,6 +181,7 @@ enum ls_err ls_takedir_verify(const struct ls_takedir *take, struct ls_take_repo
     *report = (struct ls_take_report){.shots_planned = take->n_shots,
                                       .pictures_planned = take->n_conditions * take->n_cameras};
     verify_tickets(take, have, report, text);
+    ls_take_check_links(take, text);
     for (uint32_t k = 0; k < take->n_conditions; k++)
         for (uint32_t camera = 0; camera < take->n_cameras; camera++)
             verify_picture(take, take->conditions[k], camera, report, text);

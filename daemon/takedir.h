@@ -89,7 +89,7 @@ struct ls_take_report {
     char *text; /* one sentence per line for everything missing or damaged; "" = all is well */
 };
 
-/** Re-read every published file and count tickets against the plan. Returns LS_OK if it could look,
+/** Re-read every published file, count tickets against the plan and follow each (take_links.h). Returns LS_OK if it could look,
  * whatever it found, raw frames of the last good tickets included; LS_ERR_NOMEM, LS_ERR_OS
  * otherwise. @report: finish it. */
 LS_MUST_CHECK enum ls_err ls_takedir_verify(const struct ls_takedir *take,

@@ -146,5 +146,65 @@ def test_a_picture_damaged_on_disk_is_found_by_verify(folder):
     takes.says(out, "1 damaged", name)
 
 
+def reticketed(path, lines, shot, **changed):
+    """The journal with another ticket of a shot, as sound as the one that was there."""
+    out = list(lines)
+    for k, line in enumerate(lines):
+        if b'"k":"ticket"' in line and json.loads(line[9:])["shot"] == shot:
+            text = json.dumps({**json.loads(line[9:]), **changed}, separators=(",", ":")).encode()
+            out[k] = b"%08x %s" % (takes.crc32c(text), text)
+    with open(path, "wb") as file:
+        file.write(b"\n".join(out))
+
+
+def flipped(path):
+    with open(path, "r+b") as file:
+        byte = file.read(1)
+        file.seek(0)
+        file.write(bytes([byte[0] ^ 1]))
+
+
+def test_every_broken_link_from_plan_to_disk_is_named_by_verify(folder):
+    rig = harness.twelve(folder, scene="stamp").start()
+    code, status, err = takes.photograph(rig)
+    assert code == 0, err
+    take = status["id"]
+    home = takes.folder(rig, take)
+    path = os.path.join(home, "journal")
+    with open(path, "rb") as file:
+        lines = file.read().split(b"\n")
+    tickets = {t["shot"]: t for t in takes.records(rig, take, "ticket")}
+    mine, other = tickets[40], tickets[50]
+
+    def names(*words):
+        code, out, err = takes.ask(rig, "take", "verify", take)
+        assert code == 1, (words, out, err)
+        takes.says(out, *words)
+
+    def without(of_line):
+        with open(path, "wb") as file:
+            file.write(b"\n".join(line for line in lines if not of_line(line)))
+    reticketed(path, lines, 40, condition=other["condition"])  # planned
+    names(f"shot 40 is of condition {other['condition']}: planned was {mine['condition']}")
+    reticketed(path, lines, 40, pulse_us=mine["pulse_us"] + 1)
+    names("shot 40 asked for")
+    reticketed(path, lines, 40, step=41)
+    names("shot 40 is of step 41")
+    reticketed(path, lines, 40, controller_us=other["controller_us"])  # fired
+    names("shots 40 and 50 were fired by one pulse")
+    reticketed(path, lines, 40, camera_ns=other["camera_ns"])  # received
+    names("shots (40 and 50|50 and 40) have one frame")
+    without(lambda line: b'"k":"ticket"' in line and json.loads(line[9:])["shot"] == 40)
+    names("1 of 78 shots have no ticket: 40")
+    without(lambda line: b'"k":"published"' in line and b"W-0005" in line)  # stored
+    names("cam0/W-0005 is missing")
+    reticketed(path, lines, 40)
+    assert takes.ask(rig, "take", "verify", take)[0] == 0
+    flipped(os.path.join(home, "cam0", "raw", "40-0.raw"))  # checksummed
+    names("raw frame of shot 40 is not what its ticket says")
+    flipped(os.path.join(home, "cam0", "raw", "40-0.raw"))
+    assert takes.ask(rig, "take", "verify", take)[0] == 0
+
+
 if __name__ == "__main__":
     harness.main(globals())
