@@ -79,13 +79,24 @@ static void choose_skips(const struct pass *pass, const struct tile *tile)
     pass->report->bound = pass->left_out->bound;
 }
 
+/* Nothing but zeros in any picture that counts. */
+static bool is_empty(const struct pass *pass, const struct tile *tile)
+{
+    const float *most = pass->job->tile_max;
+    for (uint32_t u = 0; most && u < pass->n_used; u++)
+        if (most[tile->index * pass->job->n_pictures + pass->used[u]] != 0)
+            return false;
+    return most != NULL;
+}
+
 /* Which pictures count in this tile; how many. */
 static uint32_t list_pictures(struct pass *pass, const struct tile *tile)
 {
     uint32_t n = 0;
+    bool empty = is_empty(pass, tile);
     if (pass->left_out)
         choose_skips(pass, tile);
-    for (uint32_t u = 0; u < pass->n_used; u++) {
+    for (uint32_t u = 0; u < pass->n_used && !empty; u++) {
         uint32_t i = pass->used[u];
         const void *halfs = pass->job->pictures[i].tiles[tile->index];
         if (!halfs || (pass->left_out && pass->left_out->skip[i]))

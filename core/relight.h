@@ -45,7 +45,9 @@ struct ls_accumulate_report {
  * (core/relight_rows.h).
  * A picture whose weight is 0 in every sum is never read, nor is a NULL tile. With max_error, the
  * pairs of least bound (ties: lowest picture) are left out of a tile as long as what is left out
- * stays under max_error in every sum; report->bound says how much that is.
+ * stays under max_error in every sum; report->bound says how much that is. With tile_max, a tile
+ * that is 0 in every picture that counts is not read either, whatever max_error: the sums are the
+ * same bits.
  *
  * Accuracy: |error| <= (min(n, 32) + ceil(n/32)) 2^-24 sum_i |w_i e_i| + bound (+ 2^-150 per
  * picture where products leave the range of normal floats), n the pictures read: partial sums of

@@ -250,11 +250,10 @@ static void start_streams(struct ls_render *render, double max_error)
         struct ls_accumulate_job job = {.pictures = stream->set->pictures,
                                         .n_pictures = stream->set->n_pictures,
                                         .n_sums = stream->n,
-                                        .weights = stream->weights};
-        if (max_error > 0) {
-            job.tile_max = stream->set->tile_max;
+                                        .weights = stream->weights,
+                                        .tile_max = stream->set->tile_max};
+        if (max_error > 0)
             job.max_error = render->sum_error;
-        }
         ls_relight_rows_init(&stream->sums, field, &job, &render->region, LS_DEMOSAIC_HALO);
     }
 }

@@ -305,6 +305,48 @@ static void test_a_light_of_no_weight_is_never_read(void)
     pictures_finish(&p);
 }
 
+/* The second of two tiles is 0 in whatever has a weight; only the last picture, which has none,
+ * shows something there. */
+static void test_a_tile_empty_in_all_that_counts_is_not_read(void)
+{
+    g_autoptr(GRand) rand = g_rand_new_with_seed(9);
+    enum { N = 70, W = 128, H = 64, SUMS = 2 };
+    struct pictures p;
+    pictures_init(&p, N, W, H, rand);
+    g_autofree float *w = g_new0(float, SUMS *N), *tile_max = g_new0(float, 2 * N);
+    g_autofree float *all = g_new(float, SUMS *W *H), *skipped = g_new(float, SUMS *W *H);
+    g_autofree uint16_t *zeros = g_new0(uint16_t, 64 * 64);
+    void *forbidden = mmap(NULL, 8192, PROT_NONE, MAP_PRIVATE | MAP_ANONYMOUS, -1, 0);
+    const void *kept[N];
+    for (int j = 0; j < 64 * 64; j += 2)
+        zeros[j] = 0x8000; /* -0 */
+    for (uint32_t i = 0; i < N; i++) {
+        for (int q = 0; q < SUMS && i < N - 1; q++)
+            w[q * N + i] = (float)g_rand_double_range(rand, -1, 1);
+        tile_max[i] = 1;
+        tile_max[N + i] = i == N - 1;
+        kept[i] = p.tiles[i][1];
+        p.tiles[i][1] = zeros;
+    }
+    struct ls_accumulate_job job = {
+        .pictures = p.picture, .n_pictures = N, .n_sums = SUMS, .weights = w};
+    struct ls_tile_region region = whole(&p.field);
+    struct ls_accumulate_report report;
+    g_assert_cmpint(ls_accumulate(&p.field, &job, &region, all, NULL, NULL), ==, LS_OK);
+    for (uint32_t i = 0; i < N; i++)
+        p.tiles[i][1] = forbidden; /* a read would be the end of this test */
+    job.tile_max = tile_max;
+    g_assert_cmpint(ls_accumulate(&p.field, &job, &region, skipped, &report, NULL), ==, LS_OK);
+    g_assert_cmpmem(all, SUMS * W * H * sizeof *all, skipped, SUMS * W * H * sizeof *skipped);
+    g_assert_cmpuint(report.tiles_read, ==, N - 1);
+    g_assert_cmpuint(report.tiles_skipped, ==, N + 1);
+    g_assert_cmpfloat(report.bound, ==, 0);
+    for (uint32_t i = 0; i < N; i++)
+        p.tiles[i][1] = kept[i];
+    munmap(forbidden, 8192);
+    pictures_finish(&p);
+}
+
 static void test_what_is_left_out_stays_under_the_requested_error(void)
 {
     const guint32 seed = 8;
@@ -425,6 +467,8 @@ int main(int argc, char **argv)
                     test_any_split_into_regions_gives_the_same_bits);
     g_test_add_func("/accumulate/a-light-of-no-weight-is-never-read",
                     test_a_light_of_no_weight_is_never_read);
+    g_test_add_func("/accumulate/a-tile-empty-in-all-that-counts-is-not-read",
+                    test_a_tile_empty_in_all_that_counts_is_not_read);
     g_test_add_func("/accumulate/what-is-left-out-stays-under-the-requested-error",
                     test_what_is_left_out_stays_under_the_requested_error);
     g_test_add_func("/accumulate/stored-infinities-count-as-nothing-and-are-counted",
