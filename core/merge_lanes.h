@@ -9,6 +9,14 @@
 #include "core/lanes.h"
 #include "core/merge_kernels.h"
 
+/* Clang spends 95 s a file on the checks of a sanitizer in kernels unrolled like these; the checks
+ * stay, the optimiser does not. */
+#if defined(__clang__)
+#if __has_feature(address_sanitizer) || __has_feature(thread_sanitizer)
+#pragma clang optimize off
+#endif
+#endif
+
 enum { EXPOSURES = LS_MERGE_MAX_EXPOSURES, BLOCK = 64 };
 
 /* The model in every lane. */

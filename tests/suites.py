@@ -126,7 +126,8 @@ def main():
     elif suite != "sanitize":
         jobs.append(("build" if suite != "ci" else "build-ci", strict, "gcc", []))
     if suite in ("ci", "sanitize"):
-        jobs.append(("build-sanitize", SANITIZE + strict, "clang", ["--no-suite=integration"]))
+        jobs.append(("build-sanitize", SANITIZE + strict, "clang",
+                     ["--no-suite=integration", "--no-suite=bench"]))
         # the USB tests run under umockdev's preload library, which comes first
         env["ASAN_OPTIONS"] = "detect_leaks=1:verify_asan_link_order=0"
         env["UBSAN_OPTIONS"] = "halt_on_error=1:print_stacktrace=1"
