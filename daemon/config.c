@@ -7,6 +7,7 @@
 #include <errno.h>
 #include <fcntl.h>
 #include <libgen.h>
+#include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -180,6 +181,17 @@ static void read_cameras(struct ls_conf *rig, struct ls_config *config)
     }
 }
 
+/* Cameras that send at the same time each leave room for the others' packets between two of
+ * theirs. */
+static void share_link(struct ls_config *config)
+{
+    for (uint32_t i = 0; config->link_mbit_s > 0 && i < config->n_cameras; i++) {
+        struct ls_camera_config *d = &config->cameras[i].driver;
+        double packet_ns = d->packet_size * 8e3 / config->link_mbit_s;
+        d->packet_delay_ns = (uint32_t)ceil((config->n_cameras - 1) * packet_ns);
+    }
+}
+
 static void read_lights(struct ls_conf *rig, struct ls_config *config)
 {
     struct ls_conf c;
@@ -246,6 +258,8 @@ static void read_rig(struct ls_config *config, const char *path, struct ls_conf 
     read_lights(&rig, config);
     read_channels(&rig, config);
     read_cameras(&rig, config);
+    config->link_mbit_s = ls_conf_number(&rig, "link_mbit_s", 0, 1, 1e6);
+    share_link(config);
     daemon->err = ls_conf_finish(&rig);
     config_destroy(&tree);
 }

@@ -61,6 +61,7 @@ struct ls_config {
     uint32_t n_cameras;
     struct ls_config_camera cameras[LS_MAX_CAMERAS];
     char *rig_name;
+    double link_mbit_s;     /* of the link that all cameras share; 0 = each has its own */
     uint32_t merge_threads; /* default: processors, at most 8 */
     uint32_t ring_slots;    /* per camera, >= 16, default 32 */
     uint32_t retries;       /* repair passes before a shot is named missing, default 3 */

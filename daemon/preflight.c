@@ -125,6 +125,27 @@ static bool is_stepwise(const struct ls_preflight_input *in)
     return false;
 }
 
+/* What all cameras send for a step has to pass the link they share before the next one's. */
+static enum ls_err check_link(const struct ls_preflight_input *in, struct ls_diag *diag)
+{
+    enum { HEADERS_BYTES = 36, FRAMING_BYTES = 14 + 24 }; /* of IP, UDP, GVSP; of Ethernet */
+    double bytes = 0;
+    for (uint32_t k = 0; k < in->config->n_cameras; k++) {
+        double packet = in->config->cameras[k].driver.packet_size;
+        bytes += (double)in->cameras[k]->payload_bytes * (packet + FRAMING_BYTES) /
+                 (packet - HEADERS_BYTES);
+    }
+    double us = in->config->link_mbit_s > 0 ? bytes * 8 / in->config->link_mbit_s : 0;
+    if (us <= in->plan->period_us)
+        return LS_OK;
+    return ls_fail(diag, LS_ERR_LIMIT,
+                   "%.2f MB of %u cameras take %.0f us on the link of %.0f Mbit/s that they share, "
+                   "and the next step comes after %u us: say period_us = %.0f, read out a smaller "
+                   "region, or give the cameras links of their own",
+                   bytes * 1e-6, in->config->n_cameras, us, in->config->link_mbit_s,
+                   in->plan->period_us, ceil(us));
+}
+
 static bool is_done(const struct ls_preflight_input *in, uint32_t condition)
 {
     return in->condition_done && in->condition_done[condition];
@@ -277,6 +298,8 @@ enum ls_err ls_preflight_check(const struct ls_preflight_input *in, struct ls_pr
     enum ls_err err = check_rig(in, diag);
     if (!err)
         err = check_program(in, diag);
+    if (!err)
+        err = check_link(in, diag);
     if (!err)
         err = check_bracket(in, diag);
     if (!err)

@@ -34,6 +34,7 @@ struct ls_camera_config {
     uint32_t width, height, offset_x, offset_y; /* px; 0 x 0 = sensor size */
     const char *pixel_format;                   /* GenICam name, e.g. "BayerRG12" */
     uint32_t packet_size;                       /* bytes, e.g. 9000 */
+    uint32_t packet_delay_ns;                   /* between packets, for cameras on one link */
     uint32_t frame_retention_us;                /* above exposure + readout + margin */
     double gain;                                /* dB, or whatever unit the camera's Gain has */
     double black_level; /* 0 = leave the camera's own, which must then be above 0 */

@@ -26,6 +26,7 @@ enum {
     PAYLOAD_IMAGE = 0x0001,
     PAYLOAD_IMAGE_CHUNKS = 0x4001,
     SEND_BUFFER = 8 << 20,
+    SLICE_NS = 200000, /* packets with a delay leave together for so long */
 };
 
 struct slot {
@@ -50,7 +51,7 @@ struct batch {
     struct sim_gvsp *gvsp;
     struct sockaddr_in to;
     uint32_t delay_ns;
-    unsigned n;
+    unsigned n, most;
     struct mmsghdr messages[BATCH];
     struct iovec parts[BATCH][2];
     uint8_t heads[BATCH][HEADER_BYTES + LEADER_BYTES];
@@ -146,7 +147,7 @@ static void add(struct batch *b, const struct sim_gvsp_frame *f, uint32_t packet
     }
     b->messages[b->n].msg_hdr = (struct msghdr){
         .msg_name = &b->to, .msg_namelen = sizeof b->to, .msg_iov = part, .msg_iovlen = 2};
-    if (++b->n == BATCH)
+    if (++b->n == b->most)
         flush(b);
 }
 
@@ -157,6 +158,8 @@ static void send_range(struct sim_gvsp *g, const struct sim_gvsp_frame *f, uint3
     b.gvsp = g;
     b.n = 0;
     b.delay_ns = f->packet_delay_ns;
+    b.most = b.delay_ns ? SLICE_NS / b.delay_ns : BATCH;
+    b.most = b.most < 1 ? 1 : b.most > BATCH ? BATCH : b.most;
     b.to = (struct sockaddr_in){.sin_family = AF_INET,
                                 .sin_port = htons((uint16_t)f->port),
                                 .sin_addr.s_addr = htonl(f->address)};

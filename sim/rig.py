@@ -113,12 +113,13 @@ class Rig:
                  packet_size=9000, timeout_ms=2000, focal_mm=25,
                  blur_px=0, wire="modbus",
                  positions=("positions.csv", "right,up,towards", "m"), region=None,
-                 calibration="calibration.json", cameras=1, environment={}):
+                 calibration="calibration.json", cameras=1, environment={}, rig_extra=""):
         self.build, self.folder = build, folder
         self.width, self.height = (size, size) if isinstance(size, int) else size
         self.channels, self.pixel_format = channels, pixel_format
         self.focal_mm, self.blur_px, self.positions = focal_mm, blur_px, positions
         self.daemon_extra, self.rig_camera_extra = daemon_extra, rig_camera_extra
+        self.rig_extra = rig_extra
         self.calibration, self.wire, self.environment = calibration, wire, environment
         self.calibrated, self.packet_size, self.timeout_ms = calibrated, packet_size, timeout_ms
         self.region = region or (self.width, self.height)
@@ -242,6 +243,7 @@ name = "simulated dome";
 lights = {{ positions = "{file}"; axes = "{axes}"; unit = "{unit}"; }};
 channels = ( {channels} );
 cameras = ({cameras} );
+{self.rig_extra}
 """)
 
     def control(self, *arguments, quiet=True, timeout=CALL_SECONDS):

@@ -365,6 +365,12 @@ static enum ls_err set_stream(struct pass *p, const struct ls_camera_config *con
     if (err)
         return err;
     arv_camera_gv_set_packet_size_adjustment(p->camera, ARV_GV_PACKET_SIZE_ADJUSTMENT_NEVER);
+    if (config->packet_delay_ns || available(p, "GevSCPD")) { /* in ticks of the camera's clock */
+        double ticks = config->packet_delay_ns * 1e-9 * (double)p->info->tick_hz;
+        err = set_integer(p, "GevSCPD", (int64_t)ceil(ticks));
+    }
+    if (err)
+        return err;
     p->info->payload_bytes = arv_camera_get_payload(p->camera, &error);
     if (error)
         return ls_aravis_fail(p->diag, p->address, "PayloadSize", error);

@@ -85,6 +85,28 @@ static void test_width(void)
     bench_close(b);
 }
 
+static void test_packet_delay(void)
+{
+    static const uint32_t delays_ns[] = {0, 300000};
+    uint64_t took_ns[2], packets = 0;
+    for (int i = 0; i < 2; i++) {
+        struct bench *b = bench_new(2);
+        b->config.packet_delay_ns = delays_ns[i];
+        bench_power_up(b);
+        bench_start(b, 8);
+        packets = ls_camera_info(b->camera)->payload_bytes / b->config.packet_size;
+        bench_pulse(b, 0, 100);
+        struct ls_camera_frame f = bench_next(b, SECOND_US);
+        uint64_t ended_ns = bench_logged(b, 0).exposure.true_ns + 113700;
+        took_ns[i] = f.host_ns - ended_ns;
+        ls_camera_release(b->camera, f.slot);
+        bench_close(b);
+    }
+    g_test_message("%.2f ms without a delay, %.2f ms with", took_ns[0] * 1e-6, took_ns[1] * 1e-6);
+    g_assert_cmpuint(packets, >, 10);
+    g_assert_cmpuint(took_ns[1], >=, packets * delays_ns[1]);
+}
+
 static void test_timed(void)
 {
     struct bench *b = bench_new(3);
@@ -507,6 +529,7 @@ int main(int argc, char **argv)
     g_test_init(&argc, &argv, NULL);
     g_test_add_func("/camera/line-triggered-frames-arrive-whole-and-identified", test_line);
     g_test_add_func("/camera/trigger-width-exposes-for-the-pulse-plus-the-offset", test_width);
+    g_test_add_func("/camera/packets-leave-each-other-the-room-they-were-told", test_packet_delay);
     g_test_add_func("/camera/timed-exposure-follows-its-register", test_timed);
     g_test_add_func("/camera/software-trigger-gives-one-frame-each", test_software);
     g_test_add_func("/camera/a-dropped-pulse-leaves-ids-and-counters-contiguous",

@@ -32,6 +32,43 @@ def test_two_cameras_keep_every_frame_as_their_own(folder):
     assert set(os.listdir(takes.folder(rig, status["id"]))) >= {"cam0", "cam1"}
 
 
+def test_four_cameras_on_one_link_keep_every_frame_as_their_own(folder):
+    rig = harness.twelve(folder, scene="stamp", cameras=4, rig_extra="link_mbit_s = 1000;").start()
+    code, status, err = takes.photograph(rig)
+    assert code == 0 and status["state"] == "complete", (status, err)
+    judged = takes.is_good(rig, status["id"])
+    assert judged["shots_stored"] == 4 * (takes.DARKS + takes.LIGHTS), judged
+    tickets = [t for t in takes.records(rig, status["id"], "ticket") if t["status"] == "ok"]
+    assert [len({t["shot"] for t in tickets if t["camera"] == k}) for k in range(4)] == \
+        4 * [takes.DARKS + takes.LIGHTS]
+    for view in range(4):  # four views of one plan: each has its own pictures of it
+        names = {p["condition"] for p in takes.published(rig, status["id"]) if p["camera"] == view}
+        assert len(names) == status["conditions_planned"], (view, names)
+
+
+def test_four_cameras_that_do_not_fit_their_link_are_refused(folder):
+    rig = harness.twelve(folder, cameras=4, size=256, rig_extra="link_mbit_s = 250;").start()
+    code, _, err = takes.photograph(rig)
+    assert code != 0
+    takes.says(err, "0.53 MB of 4 cameras take 16\\d{3} us", "250 Mbit/s", "period_us = 16")
+
+
+def test_one_camera_of_four_lost_is_named_and_the_others_pictures_are_safe(folder):
+    lost = takes.FIRST_LIGHT + 20
+    rig = harness.twelve(folder, f'{{ kind = "silent"; at = {lost}; camera = 2; }}', scene="stamp",
+                         cameras=4, daemon_extra="retries = 1;").start()
+    code, status, err = takes.photograph(rig)
+    assert code == 1 and status["state"] in ("failed", "incomplete"), (code, status, err)
+    takes.says(status["message"], "camera right|cam2/")
+    stored = [p for p in takes.published(rig, status["id"])]
+    for view in (0, 1, 3):  # six spheres are before it, and the shots up to the loss
+        assert len([p for p in stored if p["camera"] == view]) >= 3 + 6, status
+    wrong = takes.mislabeled_pixels(rig, status["id"])
+    assert not wrong, wrong
+    judged = rig.judge(status["id"])
+    assert judged["frames_mislabeled"] == 0, judged
+
+
 PERMUTED = """subject = "still"; exposures_us = [500, 2500]; darks = 2;
 conditions = ( { kind = "each"; channels = ["W"]; },
                { kind = "segment"; channels = ["R"]; lights = [0, 1, 4]; } );
