@@ -16,9 +16,12 @@ static json_t *lights_json(const Lightstage__LightsStatus *l)
     json_t *faults = json_array();
     for (size_t i = 0; i < l->n_faults; i++)
         json_array_append_new(faults, json_string(l->faults[i]));
-    return json_pack("{sb ss ss so si si}", "connected", l->connected, "serial", l->serial, "state",
-                     l->state, "faults", faults, "temperature_c", (int)l->temperature_c,
-                     "missed_triggers", (int)l->missed_triggers);
+    json_t *now = json_array();
+    for (size_t i = 0; i < l->n_now; i++)
+        json_array_append_new(now, json_string(l->now[i]));
+    return json_pack("{sb ss ss so so si si}", "connected", l->connected, "serial", l->serial,
+                     "state", l->state, "faults", faults, "now", now, "temperature_c",
+                     (int)l->temperature_c, "missed_triggers", (int)l->missed_triggers);
 }
 
 static void print_json(const Lightstage__StatusReply *s)
@@ -44,6 +47,8 @@ static void print_lights(const Lightstage__LightsStatus *l)
            l->temperature_c);
     for (size_t i = 0; i < l->n_faults; i++)
         printf("             FAULT: %s\n", ls_clean(l->faults[i]));
+    for (size_t i = 0; i < l->n_now; i++)
+        printf("             %s\n", ls_clean(l->now[i]));
 }
 
 static void print_camera(const Lightstage__CameraStatus *c)

@@ -4,6 +4,7 @@
 #include "daemon/realtime.h"
 #include "daemon/takedir.h"
 
+#include <stdio.h>
 #include <stdlib.h>
 #include <time.h>
 
@@ -86,9 +87,33 @@ enum ls_err ls_capture_create(const struct ls_capture_setup *setup, struct ls_ca
     return LS_OK;
 }
 
+/* What the LEDs fall back to, also if this host dies. Without one, what an earlier daemon left. */
+static enum ls_err name_work_light(struct ls_capture *c, struct ls_diag *diag)
+{
+    const struct ls_config *config = c->setup.config;
+    return ls_lights_set_work(c->setup.lights, config->work_channel, config->work_level, diag);
+}
+
+/* Only where it may shine: not with the E-stop pressed, say. */
+static enum ls_err show_work_light(struct ls_capture *c, struct ls_diag *diag)
+{
+    struct ls_diag why = {{0}};
+    if (!c->setup.config->work_level || atomic_load(&c->blank))
+        return LS_OK;
+    enum ls_err err = ls_lights_work(c->setup.lights, &why);
+    c->working = !err;
+    if (!err)
+        return LS_OK;
+    char text[512];
+    snprintf(text, sizeof text, "no work light: %.400s", why.text);
+    return ls_store_alarm(c->setup.store, text, diag);
+}
+
 static enum ls_err shoot(struct ls_capture *c, struct ls_diag *diag)
 {
-    enum ls_err err = ls_capture_start_cameras(c, diag);
+    enum ls_err err = name_work_light(c, diag);
+    if (!err)
+        err = ls_capture_start_cameras(c, diag);
     if (!err)
         err = ls_warm_up_run(&c->warm_up, diag);
     if (!err)
@@ -96,7 +121,8 @@ static enum ls_err shoot(struct ls_capture *c, struct ls_diag *diag)
     if (!err)
         err = ls_capture_shoot_all(c, diag);
     ls_capture_wind_down(c);
-    return err;
+    enum ls_err shown = show_work_light(c, err ? NULL : diag);
+    return err ? err : shown;
 }
 
 enum ls_err ls_capture_run(struct ls_capture *capture, struct ls_capture_report *report,
@@ -119,6 +145,12 @@ enum ls_err ls_capture_run(struct ls_capture *capture, struct ls_capture_report 
 void ls_capture_abort(struct ls_capture *capture)
 {
     atomic_store(&capture->abort, true);
+}
+
+void ls_capture_blank(struct ls_capture *capture)
+{
+    atomic_store(&capture->blank, true);
+    ls_capture_abort(capture);
 }
 
 void ls_capture_findings(const struct ls_capture *capture, struct ls_findings *out)
@@ -165,6 +197,7 @@ void ls_capture_progress(const struct ls_capture *capture, struct ls_capture_pro
                                         .conditions_stored = counts.conditions_stored,
                                         .shots_lost = atomic_load(&capture->lost),
                                         .shots_repaired = counts.repaired,
+                                        .cooling = atomic_load(&capture->sequencer.cooling),
                                         .frames_per_second =
                                             measure_rate(capture->rate, counts.shots)};
 }

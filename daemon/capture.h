@@ -40,6 +40,7 @@ struct ls_capture_progress {
     uint32_t shots_lost;      /* fired without a usable frame, so far; repaired ones included */
     uint32_t shots_repaired;  /* of those, shot again and stored */
     double frames_per_second; /* over the last second, all cameras */
+    bool cooling;             /* paused: the dome is hot */
 };
 
 struct ls_capture_report {
@@ -57,8 +58,9 @@ LS_MUST_CHECK enum ls_err ls_capture_create(const struct ls_capture_setup *setup
                                             struct ls_capture **out, struct ls_diag *diag);
 
 /**
- * Run to the end: complete, aborted, or failed. Nothing is fired if nothing is missing. LEDs are
- * dark on return, whatever happened. Every stored condition is durable on return. Errors:
+ * Run to the end: complete, aborted, or failed. Nothing is fired if nothing is missing. On return,
+ * whatever happened, the configured work light is on, else LEDs are dark. Every stored condition is
+ * durable on return. Errors:
  * LS_ERR_ABORTED; LS_ERR_GONE / LS_ERR_TIMEOUT (device lost; the take can be resumed);
  * LS_ERR_REFUSED (interlock, fault); LS_ERR_FULL and LS_ERR_OS (store). LS_OK with
  * report.missing_conditions > 0: shots that could not be repaired.
@@ -68,6 +70,9 @@ LS_MUST_CHECK enum ls_err ls_capture_run(struct ls_capture *capture,
 
 /** Ask a running capture to stop; LEDs go dark at once. Any thread, async-signal-safe. */
 void ls_capture_abort(struct ls_capture *capture);
+
+/** The same, and no work light comes on. */
+void ls_capture_blank(struct ls_capture *capture);
 
 /** Any thread. */
 void ls_capture_progress(const struct ls_capture *capture, struct ls_capture_progress *out);

@@ -54,6 +54,16 @@ static void list_repaired(const struct ls_capture *c, char *text, size_t size)
                    ls_merge_stage_repaired(c->merge, i));
 }
 
+static enum ls_err name_heat(struct ls_capture *c, struct ls_diag *diag)
+{
+    char text[160];
+    if (c->sequencer.cooled_seconds <= 0)
+        return LS_OK;
+    snprintf(text, sizeof text, "paused for %.1f s until the dome had cooled: it was at %d C",
+             c->sequencer.cooled_seconds, c->sequencer.hottest_c);
+    return ls_store_alarm(c->setup.store, text, diag);
+}
+
 /* What was made good on the way, by another shot or by the network. */
 static enum ls_err name_repaired(struct ls_capture *c, struct ls_diag *diag)
 {
@@ -101,11 +111,16 @@ void ls_capture_fill_report(struct ls_capture *c, struct ls_capture_report *repo
 enum ls_err ls_capture_explain(struct ls_capture *c, enum ls_err err, struct ls_diag *diag)
 {
     const char *leds = c->sequencer.maybe_lit ? "LEDs may be lit until the heartbeat blanks them"
+                       : c->working           ? "the work light is on"
                                               : "LEDs are dark";
     if (err == LS_ERR_ABORTED)
         return ls_fail(diag, err, "aborted: %s, everything complete is stored", leds);
-    if (err != LS_ERR_STATE)
+    if (err != LS_ERR_STATE) {
+        size_t used = strlen(diag->text);
+        if (c->working)
+            snprintf(diag->text + used, sizeof diag->text - used, "; %s", leds);
         return err;
+    }
     enum ls_err merge = (enum ls_err)atomic_load(c->sequencer.failure);
     if (merge) {
         struct ls_diag why = {{0}};
@@ -128,7 +143,9 @@ enum ls_err ls_capture_explain(struct ls_capture *c, enum ls_err err, struct ls_
 enum ls_err ls_capture_close_books(struct ls_capture *c, enum ls_err err, struct ls_diag *diag)
 {
     struct ls_diag why = {{0}};
-    enum ls_err closing = err ? LS_OK : name_missing(c, &why);
+    enum ls_err closing = name_heat(c, &why);
+    if (!closing && !err)
+        closing = name_missing(c, &why);
     if (!closing && !err)
         closing = name_repaired(c, &why);
     if (!closing)

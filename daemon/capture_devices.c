@@ -5,8 +5,9 @@
 enum {
     MIN_SLOTS = 16,
     MAX_SLOTS = 512,
-    MARGIN_US = 300000,  /* what a loaded host may add to a frame's way */
-    STALL_US = 10000000, /* the controller may pause this long before it counts as stuck */
+    MARGIN_US = 300000,     /* what a loaded host may add to a frame's way */
+    COOLING_US = 600000000, /* a dome that does not cool within ten minutes has a defect */
+    STALL_US = 10000000,    /* the controller may pause this long before it counts as stuck */
     JITTER_US = 20, /* a sensor that starts with its next line, 10 us each, is late by up to that */
 };
 
@@ -101,6 +102,7 @@ void ls_capture_describe(struct ls_capture *c)
     ls_flashing_init(&c->flashing, plan, c->setup.config, ls_lights_info(c->setup.lights));
     if (c->sequencer.live && !plan->allow_flashing)
         c->sequencer.flashing = &c->flashing;
+    c->sequencer.cooling_us = COOLING_US;
     c->sequencer.stall_us = STALL_US + longest_step_us(plan);
 }
 

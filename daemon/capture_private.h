@@ -46,7 +46,8 @@ struct ls_capture {
     uint32_t steps_planned, conditions_planned;
     struct ls_camera_stats stats[LS_MAX_CAMERAS]; /* of stopped cameras */
     _Atomic uint32_t lost;
-    _Atomic bool abort;
+    _Atomic bool abort, blank; /* blank: no work light either */
+    bool working;              /* the work light is on */
     struct ls_capture_rate *rate;
 };
 

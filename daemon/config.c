@@ -280,6 +280,25 @@ static void read_controller(struct ls_conf *daemon, struct ls_lights_config *out
     daemon->err = ls_conf_finish(&c);
 }
 
+/* After the rig, whose channels it names. */
+static void read_work_light(struct ls_conf *daemon, struct ls_config *config)
+{
+    struct ls_conf c;
+    const config_setting_t *group = ls_conf_child(daemon, "work_light", CONFIG_TYPE_GROUP, false);
+    if (!group || daemon->err)
+        return;
+    ls_conf_begin(&c, group, daemon->file, daemon->diag);
+    LS_CLEANUP_FREE char *name = ls_conf_need_string(&c, "channel");
+    config->work_level = (uint16_t)ls_conf_int(&c, "level", 0, 1, 65535);
+    int channel = name ? ls_config_channel(config, name) : 0;
+    if (channel < 0)
+        ls_conf_error(&c, "channel", "\"%s\": the rig has no such channel", name);
+    if (!c.err && !config->work_level)
+        ls_conf_error(&c, "level", "expected 1 to 65535");
+    config->work_channel = (uint16_t)(channel < 0 ? 0 : channel);
+    daemon->err = ls_conf_finish(&c);
+}
+
 static void read_daemon(struct ls_conf *c, struct ls_config *config, const char *path)
 {
     long cpus = sysconf(_SC_NPROCESSORS_ONLN);
@@ -301,6 +320,8 @@ static void read_daemon(struct ls_conf *c, struct ls_config *config, const char 
     LS_CLEANUP_FREE char *rig = beside(path, ls_conf_need_string(c, "rig"));
     if (!c->err)
         read_rig(config, rig, c);
+    if (!c->err)
+        read_work_light(c, config);
 }
 
 enum ls_err ls_config_load(const char *path, struct ls_config **out, struct ls_diag *diag)

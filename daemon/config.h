@@ -24,8 +24,8 @@ enum {
 };
 
 struct ls_config_channel {
-    char *name;     /* "W" */
-    bool polariser; /* kind = "polariser", else "spectrum" */
+    char *name;                   /* "W" */
+    bool polariser;               /* kind = "polariser", else "spectrum" */
     struct ls_spectrum *spectrum; /* NULL if unknown */
 };
 
@@ -54,6 +54,7 @@ struct ls_config_light {
 struct ls_config {
     char *storage, *socket_path, *calibration_path; /* calibration may be NULL */
     struct ls_lights_config lights_driver;
+    uint16_t work_channel, work_level; /* the work light; level 0 = none, dark */
     uint32_t n_lights;
     struct ls_config_light *lights;
     uint32_t n_channels;

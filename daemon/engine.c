@@ -98,6 +98,8 @@ static gboolean report_progress(gpointer data)
     ls_take_progress(e->take, &e->status.progress);
     if (e->status.state == LS_TAKE_PREPARING && e->status.progress.steps_bound)
         e->status.state = LS_TAKE_RUNNING;
+    snprintf(e->status.message, sizeof e->status.message, "%s",
+             e->status.progress.cooling ? "paused: the dome is hot; it goes on by itself" : "");
     notify(e);
     return G_SOURCE_CONTINUE;
 }
@@ -245,7 +247,7 @@ enum ls_err ls_engine_abort(struct ls_engine *e, struct ls_diag *diag)
 enum ls_err ls_engine_blank(struct ls_engine *e, struct ls_diag *diag)
 {
     if (e->take) {
-        ls_take_abort(e->take); /* the sequencer blanks first of all */
+        ls_take_blank(e->take); /* the sequencer blanks first of all */
         return LS_OK;
     }
     ls_probe_release(e->probe);

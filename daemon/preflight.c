@@ -48,6 +48,24 @@ static enum ls_err check_rig(const struct ls_preflight_input *in, struct ls_diag
     return LS_OK;
 }
 
+/* What keeps the dome dark at this moment. */
+static enum ls_err check_dome(const struct ls_preflight_input *in, struct ls_diag *diag)
+{
+    const struct ls_lights_status *s = in->status;
+    if (s && s->interlock_open)
+        return ls_fail(diag, LS_ERR_REFUSED, "the light controller's interlock is open: close it");
+    if (s && s->estop_pressed)
+        return ls_fail(diag, LS_ERR_REFUSED,
+                       "the light controller's emergency stop is pressed: release it");
+    if (s && s->hot)
+        return ls_fail(diag, LS_ERR_REFUSED,
+                       "the dome is at %d C, %d over the %u C from which the controller calls it "
+                       "hot: let it cool",
+                       s->temperature_c, s->temperature_c - (int32_t)in->lights->hot_c,
+                       in->lights->hot_c);
+    return ls_lights_test_work(in->lights, in->config->work_channel, in->config->work_level, diag);
+}
+
 static enum ls_err check_program(const struct ls_preflight_input *in, struct ls_diag *diag)
 {
     const struct ls_plan *p = in->plan;
@@ -296,6 +314,8 @@ enum ls_err ls_preflight_check(const struct ls_preflight_input *in, struct ls_pr
                                  .bytes = ls_preflight_bytes(in),
                                  .disk_free_bytes = in->disk_free_bytes};
     enum ls_err err = check_rig(in, diag);
+    if (!err)
+        err = check_dome(in, diag);
     if (!err)
         err = check_program(in, diag);
     if (!err)

@@ -15,6 +15,7 @@ struct ls_preflight_input {
     const struct ls_config *config;
     const struct ls_plan *plan;
     const struct ls_lights_info *lights;
+    const struct ls_lights_status *status;       /* of now; NULL = not asked */
     const struct ls_camera_info *const *cameras; /* config->n_cameras, applied */
     const struct ls_calibration *calibration;    /* NULL = none */
     uint64_t disk_free_bytes;
@@ -26,10 +27,10 @@ struct ls_preflight_input {
  *   LS_ERR_LIMIT    duty, current, period, pulse or memory of the controller (ls_lights_test);
  *                   its longest hold, of a camera triggered by software
  *   LS_ERR_INVALID  rig and controller disagree, or the bracket leaves gaps
- *   LS_ERR_REFUSED  a live subject would see flashes (daemon/flashing.h) and allow_flashing is not set
- *   LS_ERR_FULL     the take would not fit the disk
- * Warnings do not refuse: uncalibrated patterns, settings a camera cannot prove, few darks; and
- * what multiplexing gains and loses.
+ *   LS_ERR_REFUSED  interlock open, E-stop pressed or the dome hot; a live subject would see
+ * flashes (daemon/flashing.h) and allow_flashing is not set LS_ERR_FULL     the take would not fit
+ * the disk Warnings do not refuse: uncalibrated patterns, settings a camera cannot prove, few
+ * darks; and what multiplexing gains and loses.
  */
 LS_MUST_CHECK enum ls_err ls_preflight_check(const struct ls_preflight_input *input,
                                              struct ls_preflight *out, struct ls_diag *diag);

@@ -51,11 +51,13 @@ static const char *lights_state_name(enum ls_lights_state state)
     return (unsigned)state < G_N_ELEMENTS(names) ? names[state] : "unknown";
 }
 
-static size_t fault_names(uint32_t faults, char *out[8])
+enum { FAULTS = 8, NOWS = 4 };
+
+static size_t fault_names(uint32_t faults, char *out[FAULTS])
 {
-    static const char *const names[] = {"interlock",     "e-stop",    "over-temperature",
-                                        "over-current",  "over-duty", "heartbeat",
-                                        "program memory"};
+    static const char *const names[] = {"interlock",      "e-stop",    "over-temperature",
+                                        "over-current",   "over-duty", "heartbeat",
+                                        "program memory", "over-power"};
     size_t n = 0;
     for (size_t i = 0; i < G_N_ELEMENTS(names); i++)
         if (faults & (1u << i))
@@ -63,8 +65,22 @@ static size_t fault_names(uint32_t faults, char *out[8])
     return n;
 }
 
+static size_t now_names(const struct ls_lights_status *lights, char *out[NOWS])
+{
+    size_t n = 0;
+    if (lights->interlock_open)
+        out[n++] = (char *)"interlock open";
+    if (lights->estop_pressed)
+        out[n++] = (char *)"e-stop pressed";
+    if (lights->hot)
+        out[n++] = (char *)"hot";
+    if (lights->work_light)
+        out[n++] = (char *)"work light";
+    return n;
+}
+
 static void fill_lights(Lightstage__LightsStatus *out, struct ls_engine_status *status,
-                        char *faults[8])
+                        char *faults[FAULTS], char *now[NOWS])
 {
     lightstage__lights_status__init(out);
     out->connected = status->devices.lights_connected;
@@ -72,6 +88,8 @@ static void fill_lights(Lightstage__LightsStatus *out, struct ls_engine_status *
     out->state = (char *)lights_state_name(status->devices.lights.state);
     out->n_faults = fault_names(status->devices.lights.faults, faults);
     out->faults = faults;
+    out->n_now = now_names(&status->devices.lights, now);
+    out->now = now;
     out->temperature_c = status->devices.lights.temperature_c;
     out->missed_triggers = status->devices.lights.missed_triggers;
 }
@@ -82,13 +100,13 @@ static void handle_status(const struct call *call)
     const struct ls_config *config = ls_engine_config(service->engine);
     struct ls_engine_status status = {0};
     struct ls_take_reply take;
-    char *faults[8];
+    char *faults[FAULTS], *now[NOWS];
     Lightstage__LightsStatus lights;
     Lightstage__CameraStatus cameras[LS_MAX_CAMERAS], *pointers[LS_MAX_CAMERAS];
     Lightstage__StatusReply body = LIGHTSTAGE__STATUS_REPLY__INIT;
 
     ls_engine_status(service->engine, &status);
-    fill_lights(&lights, &status, faults);
+    fill_lights(&lights, &status, faults, now);
     ls_take_reply_fill(&take, &status.take);
     body.lights = &lights;
     body.take = &take.status;

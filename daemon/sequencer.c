@@ -12,6 +12,7 @@ enum {
     EVENTS = 64,
     PAIR_GAP_NS = 50000000, /* LS_CLOCK_PAIRS of these: the baseline of the clock's drift */
     LOOK_AGAIN_US = 10000,  /* an abort is noticed so late while cameras are being armed */
+    COOLED_NS = 1000000000, /* not hot for so long: a take does not flicker on and off */
     ANSWER_US = 5000000,    /* a thread of ours that does not answer for so long is stuck */
 };
 
@@ -28,6 +29,7 @@ struct run {
     uint64_t safe_us;       /* controller time of the poll before: its events have all been read */
     uint64_t progress_ns;   /* host time of the last event or grant that ended a drought */
     uint64_t first_us;
+    uint64_t hot_since_ns, hot_ns;      /* host time of a pause's begin, 0 none; when last hot */
     uint64_t compared_ns;               /* host time of the clock's newest pair */
     double timed_us[LS_MAX_CAMERAS][2]; /* exposure register, of even and odd steps: a held step's
                                            event comes when the next one's is already written */
@@ -40,7 +42,7 @@ void ls_sequencer_fault_names(uint32_t faults, char *text, size_t size)
 {
     static const char *const names[] = {"interlock open", "emergency stop", "over-temperature",
                                         "over-current",   "over-duty",      "heartbeat missed",
-                                        "program memory"};
+                                        "program memory", "over-power"};
     size_t used = 0;
     text[0] = 0;
     for (size_t i = 0; i < sizeof names / sizeof *names; i++) {
@@ -188,6 +190,31 @@ static enum ls_err grant(struct run *run, uint32_t n_steps)
     return why ? why : err;
 }
 
+static void end_cooling(struct run *run)
+{
+    if (run->hot_since_ns)
+        run->seq->cooled_seconds += (double)(ls_host_ns() - run->hot_since_ns) * 1e-9;
+    run->hot_since_ns = 0;
+    atomic_store(&run->seq->cooling, false);
+}
+
+/* Is it too hot to grant anything? LS_ERR_LIMIT: for too long. */
+static enum ls_err watch_heat(struct run *run, bool *hot)
+{
+    uint64_t now = ls_host_ns();
+    if (run->status.hot) {
+        run->hot_ns = now;
+        run->hot_since_ns = run->hot_since_ns ? run->hot_since_ns : now;
+        if (run->status.temperature_c > run->seq->hottest_c)
+            run->seq->hottest_c = run->status.temperature_c;
+        atomic_store(&run->seq->cooling, true);
+    } else if (run->hot_since_ns && now - run->hot_ns >= COOLED_NS) {
+        end_cooling(run);
+    }
+    *hot = run->hot_since_ns > 0;
+    return *hot && now - run->hot_since_ns > run->seq->cooling_us * 1000 ? LS_ERR_LIMIT : LS_OK;
+}
+
 static uint32_t credit_limit(const struct run *run, uint32_t *settled)
 {
     struct ls_credit_camera cameras[LS_MAX_CAMERAS];
@@ -209,9 +236,13 @@ static enum ls_err flow(struct run *run)
         uint32_t settled, limit = credit_limit(run, &settled);
         if (settled == run->program->n_steps)
             return LS_OK;
-        uint32_t want =
-            ls_credit_grant(&run->credit, run->granted, run->status.fired, limit, ls_host_ns());
+        bool hot;
         enum ls_err err = interrupted(run->seq);
+        if (!err)
+            err = watch_heat(run, &hot);
+        uint32_t want = err || hot ? run->granted
+                                   : ls_credit_grant(&run->credit, run->granted, run->status.fired,
+                                                     limit, ls_host_ns());
         if (!err && want > run->granted)
             err = grant(run, want);
         if (!err)
@@ -235,6 +266,20 @@ static enum ls_err turn(struct run *run)
         err = check_stall(run);
     if (!err)
         ls_host_rest(POLL_US);
+    return err;
+}
+
+static enum ls_err wait_until_cool(struct run *run)
+{
+    bool hot;
+    enum ls_err err = watch_heat(run, &hot);
+    if (!err && hot && run->status.holding)
+        err = grant(run, run->granted);
+    while (!err && hot) {
+        err = turn(run);
+        if (!err)
+            err = watch_heat(run, &hot);
+    }
     return err;
 }
 
@@ -390,6 +435,8 @@ static enum ls_err do_step(struct run *run, uint32_t step)
     if (!err)
         err = wait_for_room(run, step);
     if (!err)
+        err = wait_until_cool(run);
+    if (!err)
         err = set_exposures(run, step);
     if (!err && !held)
         err = tell_all(run, &opened);
@@ -459,6 +506,7 @@ static enum ls_err execute(struct run *run)
     run->progress_ns = ls_host_ns();
     if (!err)
         err = run->seq->stepwise ? one_by_one(run) : flow(run);
+    end_cooling(run);
     if (run->seen > 0)
         run->seq->pulse_seconds += (double)(run->seq->last_us - run->first_us) * 1e-6;
     return err;
@@ -488,6 +536,12 @@ static void explain(struct run *run)
         ls_fail(run->diag, run->err,
                 "the light controller was blanked by somebody else at step %u: %sresume the take",
                 step, dark);
+    } else if (run->err == LS_ERR_LIMIT && !run->diag->text[0]) {
+        ls_fail(run->diag, run->err,
+                "the dome is too hot, %d C at step %u: for %.0f s it has not cooled below the %u C "
+                "from which the controller calls it hot: %slet it cool, then resume the take",
+                run->status.temperature_c, step, (double)run->seq->cooling_us * 1e-6,
+                ls_lights_info(run->seq->lights)->hot_c, dark);
     } else if (run->err == LS_ERR_TIMEOUT && !run->diag->text[0]) {
         ls_fail(run->diag, run->err,
                 "the light controller fired nothing for %.1f s although granted %u steps, %u of "

@@ -14,6 +14,9 @@
  * A held step whose event comes before that went dark by itself: nothing is triggered in it any
  * more, its event is marked as clipped, and it is shot again. When a camera bound by order has lost
  * it, nothing is triggered for a whole patience.
+ *
+ * Hot. When the controller says that its dome is hot, nothing more is granted until it has not said
+ * so for a second: the take pauses in the dark.
  */
 #ifndef LS_DAEMON_SEQUENCER_H
 #define LS_DAEMON_SEQUENCER_H
@@ -56,8 +59,10 @@ struct ls_sequencer {
     struct ls_flashing *flashing; /* live and not allowed to flash: what it has seen; else NULL */
     uint64_t burst_ns;            /* live: when the last burst began, of this or earlier programs */
     uint64_t patience_us;         /* host time a step may go without its frame, stepwise */
-    uint64_t stall_us; /* without any step event while some are granted: the controller hangs */
-    sem_t *heard;      /* the cameras' threads': as in their configuration */
+    uint64_t stall_us;    /* without any step event while some are granted: the controller hangs */
+    uint64_t cooling_us;  /* the dome may be hot for so long, then the take ends */
+    _Atomic bool cooling; /* it is: nothing is granted. Any thread */
+    sem_t *heard;         /* the cameras' threads': as in their configuration */
     struct ls_clock *controller; /* against the host, ns; status reads are added as they come */
     struct ls_metrics *metrics;  /* counted into */
     const _Atomic bool *abort;
@@ -67,13 +72,16 @@ struct ls_sequencer {
     uint64_t first_us, last_us; /* of the pulses, controller clock, of this and earlier programs */
     double pulse_seconds;       /* sum over programs: first to last pulse */
     uint32_t fired;             /* pulses */
+    double cooled_seconds;      /* nothing was granted, for heat */
+    int32_t hottest_c;
 };
 
 /**
  * Run @program to its end. @program->n_steps is at most the cameras' threads' max_steps.
  * Errors: LS_ERR_ABORTED (asked to), LS_ERR_STATE (another stage failed: its error is the one to
- * report), LS_ERR_REFUSED (interlock or another latched fault), LS_ERR_GONE, LS_ERR_TIMEOUT (link
- * or controller), LS_ERR_MISMATCH (controller restarted; events lost), those of ls_lights_load.
+ * report), LS_ERR_REFUSED (interlock or another latched fault; a live subject saw flashes),
+ * LS_ERR_LIMIT (too hot for too long), LS_ERR_GONE, LS_ERR_TIMEOUT (link or controller),
+ * LS_ERR_MISMATCH (controller restarted; events lost), those of ls_lights_load.
  */
 LS_MUST_CHECK enum ls_err ls_sequencer_run(struct ls_sequencer *sequencer,
                                            const struct ls_program *program, struct ls_diag *diag);

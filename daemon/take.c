@@ -40,9 +40,16 @@ static enum ls_err preflight(struct ls_take *take, struct ls_preflight *out, uin
     struct statvfs fs;
     if (statvfs(config->storage, &fs))
         return ls_fail(diag, LS_ERR_NOT_FOUND, "storage folder %s: %m", config->storage);
+    struct ls_lights_status status;
+    struct ls_step_event event;
+    size_t n_events;
+    enum ls_err err = ls_lights_poll(take->rig.lights, &status, &event, 1, &n_events, diag);
+    if (err)
+        return err;
     const struct ls_preflight_input in = {
         .config = config,
         .plan = take->plan,
+        .status = &status,
         .lights = ls_lights_info(take->rig.lights),
         .cameras = take->rig.camera_infos,
         .calibration = take->context->calibration,
@@ -389,6 +396,11 @@ enum ls_take_state ls_take_run(struct ls_take *take, struct ls_capture_report *r
 void ls_take_abort(struct ls_take *take)
 {
     ls_capture_abort(take->capture);
+}
+
+void ls_take_blank(struct ls_take *take)
+{
+    ls_capture_blank(take->capture);
 }
 
 void ls_take_progress(const struct ls_take *take, struct ls_capture_progress *out)

@@ -52,6 +52,8 @@ enum ls_take_state ls_take_run(struct ls_take *take, struct ls_capture_report *r
                                struct ls_diag *message);
 
 void ls_take_abort(struct ls_take *take);
+/** The same, and no work light comes on. */
+void ls_take_blank(struct ls_take *take);
 void ls_take_progress(const struct ls_take *take, struct ls_capture_progress *out);
 
 /** Close devices and store. NULL is allowed; not while running. */

@@ -13,6 +13,7 @@ static void make_config(struct stage *s)
                                    .n_channels = 1,
                                    .n_cameras = s->options.n_cameras,
                                    .merge_threads = 2,
+                                   .work_level = s->work_level,
                                    .ring_slots = 16,
                                    .retries = 3};
     s->config.channels[0].name = channel_name;

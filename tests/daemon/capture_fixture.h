@@ -40,6 +40,7 @@ struct stage {
     struct ls_plan plan;
     bool watches, live;
     int n_lights; /* N_LIGHTS, unless a test wants a shorter take */
+    uint16_t work_level;
     struct ls_plan_condition conditions[MAX_ALL];
     struct ls_plan_step steps[MAX_STEPS];
     struct ls_led leds[N_LIGHTS];

@@ -45,6 +45,8 @@ struct fake_rig {
     struct ls_camera *pointers[MAX_CAMERAS];
     /* controller */
     enum ls_lights_state state;
+    uint16_t work_level, work_light; /* as named; as shown */
+    uint64_t hot_until_ns;
     uint32_t faults, n_steps, granted, fired, period_us, n_events, armed;
     struct ls_step steps[MAX_STEPS];
     int step_light[MAX_STEPS];
@@ -202,6 +204,8 @@ static void fire(struct fake_rig *rig)
     rig->next_ns = at_ns + rig->period_us * 1000ull;
     if (warm && rig->options.stall_at && rig->pulses == rig->options.stall_at)
         rig->next_ns += 300000000;
+    if (warm && rig->options.hot_at && rig->pulses == rig->options.hot_at)
+        rig->hot_until_ns = at_ns + rig->options.hot_ms * 1000000ull;
     if (warm && rig->options.stall_every && rig->pulses % rig->options.stall_every == 0)
         rig->next_ns += 40000000;
 }
@@ -272,6 +276,7 @@ enum ls_err ls_lights_arm(struct ls_lights *lights, struct ls_diag *diag)
     rig->granted = rig->fired = rig->n_events = 0;
     rig->holding = false;
     rig->state = LS_LIGHTS_ARMED;
+    rig->work_light = 0;
     rig->next_ns = 0;
     if (++rig->armed == 2)
         rig->pulses = 0;
@@ -309,6 +314,8 @@ enum ls_err ls_lights_poll(struct ls_lights *lights, struct ls_lights_status *st
     *status = (struct ls_lights_status){.state = rig->state,
                                         .faults = rig->faults,
                                         .holding = rig->holding,
+                                        .hot = before < rig->hot_until_ns,
+                                        .temperature_c = before < rig->hot_until_ns ? 71 : 30,
                                         .fired = rig->fired,
                                         .granted = rig->granted,
                                         .now_us = controller_us(rig, before),
@@ -325,8 +332,37 @@ enum ls_err ls_lights_blank(struct ls_lights *lights, struct ls_diag *diag)
     g_mutex_lock(&lights->rig->lock);
     bool fails = lights->rig->options.blank_fails && lights->rig->armed > 1;
     blank(lights->rig);
+    lights->rig->work_light = 0;
     g_mutex_unlock(&lights->rig->lock);
     return fails ? ls_fail(diag, LS_ERR_GONE, "controller unplugged") : LS_OK;
+}
+
+enum ls_err ls_lights_test_work(const struct ls_lights_info *info, uint16_t channel, uint16_t level,
+                                struct ls_diag *diag)
+{
+    return LS_OK;
+}
+
+enum ls_err ls_lights_set_work(struct ls_lights *lights, uint16_t channel, uint16_t level,
+                               struct ls_diag *diag)
+{
+    lights->rig->work_level = level;
+    return LS_OK;
+}
+
+enum ls_err ls_lights_work(struct ls_lights *lights, struct ls_diag *diag)
+{
+    struct fake_rig *rig = lights->rig;
+    g_mutex_lock(&rig->lock);
+    bool refused = rig->faults != 0;
+    rig->work_light = refused ? 0 : rig->work_level;
+    g_mutex_unlock(&rig->lock);
+    return refused ? ls_fail(diag, LS_ERR_REFUSED, "interlock open") : LS_OK;
+}
+
+unsigned fake_rig_work_light(struct fake_rig *rig)
+{
+    return rig->work_light;
 }
 
 /* ---- drivers/camera.h ---- */

@@ -48,8 +48,10 @@ struct fake_options {
     bool blank_fails;              /* from the second program on */
     int lose_light;                /* camera 0 never gives a frame of this light; -1 none */
     /* Pulses are counted from the second program on: the first is the warm-up. */
-    uint32_t interlock_at;   /* pulse that opens it, 0 = never */
-    uint32_t stall_at;       /* pulse after which the controller sleeps 300 ms, 0 = never */
+    uint32_t interlock_at; /* pulse that opens it, 0 = never */
+    uint32_t stall_at;     /* pulse after which the controller sleeps 300 ms, 0 = never */
+    uint32_t hot_at;       /* pulse from which the dome is hot for hot_ms, 0 = never */
+    uint32_t hot_ms;
     uint32_t stall_every;    /* after every so many pulses it sleeps 40 ms, 0 = never */
     uint32_t gone_at;        /* pulse at which camera 0 disappears, 0 = never */
     uint32_t drift_at;       /* pulse from which every pixel reads 1 DN more, 0 = never */
@@ -77,6 +79,8 @@ void fake_rig_draw(void *raw, uint32_t pulse, int light, uint32_t width_us, doub
 /** The lock that every function of the drivers' interfaces takes. */
 GMutex *fake_rig_lock(struct fake_rig *rig);
 bool fake_rig_is_dark(struct fake_rig *rig);
+/** Level of the work light, 0 = off. */
+unsigned fake_rig_work_light(struct fake_rig *rig);
 /** Host time of the last lit pulse's start, ns. */
 uint64_t fake_rig_last_lit_ns(struct fake_rig *rig);
 void fake_rig_free(struct fake_rig *rig);

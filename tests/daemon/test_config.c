@@ -93,6 +93,19 @@ static void test_good_files_load(struct fixture *f, gconstpointer unused)
     ls_config_destroy(c);
 }
 
+static void test_the_work_light_is_a_channel_of_the_rig(struct fixture *f, gconstpointer unused)
+{
+    struct ls_diag diag = {0};
+    char *text = g_strconcat(daemon_conf, "work_light = { channel = \"R\"; level = 900; };", NULL);
+    write_file(f, "daemon.conf", text);
+    g_free(text);
+    struct ls_config *c = load(f, &diag);
+    g_assert_cmpstr(diag.text, ==, "");
+    g_assert_cmpuint(c->work_channel, ==, 1);
+    g_assert_cmpuint(c->work_level, ==, 900);
+    ls_config_destroy(c);
+}
+
 static void test_wrong_keys_and_values_are_refused(struct fixture *f, gconstpointer unused)
 {
     static const struct {
@@ -105,6 +118,9 @@ static void test_wrong_keys_and_values_are_refused(struct fixture *f, gconstpoin
         {"retries = \"three\"; ", "retries: expected a number"},
         {"retries = ; ", "daemon.conf:"},
         {"merge_threads = 1e30; ", "merge_threads"},
+        {"work_light = { channel = \"X\"; level = 9; }; ", "\"X\": the rig has no such channel"},
+        {"work_light = { channel = \"R\"; }; ", "level"},
+        {"work_light = { channel = \"R\"; level = 65536; }; ", "level: 65536: expected 1 to 65535"},
     };
     for (size_t i = 0; i < G_N_ELEMENTS(cases); i++) {
         char *text = g_strconcat(daemon_conf, cases[i].daemon, NULL);
@@ -309,6 +325,8 @@ int main(int argc, char **argv)
     g_test_init(&argc, &argv, NULL);
 #define FIXED(name, fn) g_test_add(name, struct fixture, NULL, setup, fn, teardown)
     FIXED("/config/good-files-load", test_good_files_load);
+    FIXED("/config/the-work-light-is-a-channel-of-the-rig",
+          test_the_work_light_is_a_channel_of_the_rig);
     FIXED("/config/wrong-keys-and-values-are-refused", test_wrong_keys_and_values_are_refused);
     FIXED("/config/wrong-rigs-are-refused-with-their-line",
           test_wrong_rigs_are_refused_with_their_line);
