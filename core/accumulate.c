@@ -16,8 +16,8 @@ static unsigned widen(const void *half, size_t j, float *out)
     return 1;
 }
 
-static unsigned add(const void *const *halfs, const float *const *w, uint32_t n, uint32_t count,
-                    uint32_t n_sums, float *acc, size_t stride)
+static unsigned add(const void *const *halfs, const void *const *next, const float *const *w,
+                    uint32_t n, uint32_t count, uint32_t n_sums, float *acc, size_t stride)
 {
     unsigned not_finite = 0;
     float e[LS_ACCUMULATE_GROUP];

@@ -13,6 +13,7 @@
 
 enum {
     LS_ACCUMULATE_GROUP = 32,  /* pictures per partial sum, at most */
+    LS_ACCUMULATE_BLOCK = 6,   /* sums that are made of halves read once, side by side */
     LS_ACCUMULATE_PANEL = 128, /* pixels taken at a time */
 };
 
@@ -23,9 +24,10 @@ struct ls_accumulate_kernels {
      * NaN among them counts as 0, and the function returns how many there were. n <= 32.
      * @acc: rows with room for @count rounded up to LS_ACCUMULATE_PANEL, which may be overwritten
      * with anything. Weights finite; n_sums >= 1. RT-safe.
+     * @next: [n], any addresses: where reading is likely to go on, fetched meanwhile.
      */
-    unsigned (*add)(const void *const *halfs, const float *const *w, uint32_t n, uint32_t count,
-                    uint32_t n_sums, float *acc, size_t stride);
+    unsigned (*add)(const void *const *halfs, const void *const *next, const float *const *w,
+                    uint32_t n, uint32_t count, uint32_t n_sums, float *acc, size_t stride);
 };
 
 extern const struct ls_accumulate_kernels ls_accumulate_kernels_c, ls_accumulate_kernels_avx2,

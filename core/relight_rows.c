@@ -4,14 +4,13 @@
 #include <string.h>
 #include <sys/mman.h>
 
-enum { LARGE_PAGE = 2 << 20 };
+enum { LARGE_PAGE = 2 << 20, USUALLY_KEPT = 2 * LS_DEMOSAIC_HALO };
 
 void ls_relight_rows_init(struct ls_relight_rows *rows, const struct ls_field *field,
                           const struct ls_accumulate_job *job,
                           const struct ls_demosaic_region *region, uint32_t halo)
 {
-    *rows =
-        (struct ls_relight_rows){.field = field, .job = *job, .capacity = LS_TILE_SIDE + 2 * halo};
+    *rows = (struct ls_relight_rows){.field = field, .job = *job};
     rows->tiles = ls_region_of_pixels(field, region->x, region->y, region->x + region->width,
                                       region->y + region->height, halo);
     rows->window =
@@ -65,19 +64,20 @@ static enum ls_err grow(struct ls_relight_rows *rows, uint32_t y0, uint32_t capa
     return LS_OK;
 }
 
-enum ls_err ls_relight_rows_roll(struct ls_relight_rows *rows, uint32_t y0, struct ls_diag *diag)
+enum ls_err ls_relight_rows_roll(struct ls_relight_rows *rows, uint32_t y0, uint32_t below,
+                                 struct ls_diag *diag)
 {
-    uint32_t end = window_end(rows), capacity = rows->capacity;
+    uint32_t end = window_end(rows), y1 = (below + LS_TILE_SIDE - 1) / LS_TILE_SIDE;
     y0 = y0 < rows->window.y ? rows->window.y : y0 < end ? y0 : end;
     enum ls_err err = LS_OK;
-    if (end - y0 + LS_TILE_SIDE > capacity)
-        capacity = end - y0 + LS_TILE_SIDE;
-    if (!rows->sums || capacity > rows->capacity)
-        err = grow(rows, y0, capacity, diag);
+    uint32_t need = y1 * LS_TILE_SIDE - y0;
+    if (need > rows->capacity)
+        err = grow(rows, y0, need + USUALLY_KEPT, diag);
     else
         keep(rows, y0, rows->sums, sum_stride(rows));
     if (err)
         return err;
+    rows->tiles.y1 = y1;
     rows->window.y = y0;
     rows->window.height = end - y0;
     return LS_OK;
@@ -93,7 +93,7 @@ enum ls_err ls_relight_rows_sum(const struct ls_relight_rows *rows, uint32_t sha
         .x0 = rows->tiles.x0 + (uint32_t)((uint64_t)columns * share / n_shares),
         .x1 = rows->tiles.x0 + (uint32_t)((uint64_t)columns * (share + 1) / n_shares),
         .y0 = rows->tiles.y0,
-        .y1 = rows->tiles.y0 + 1};
+        .y1 = rows->tiles.y1};
     *report = (struct ls_accumulate_report){0};
     if (part.x0 == part.x1)
         return LS_OK;
@@ -107,10 +107,8 @@ enum ls_err ls_relight_rows_sum(const struct ls_relight_rows *rows, uint32_t sha
 void ls_relight_rows_add(struct ls_relight_rows *rows, const struct ls_accumulate_report *report,
                          uint32_t n)
 {
-    struct ls_tile_region row = rows->tiles;
-    row.y1 = row.y0 + 1;
-    rows->window.height += ls_region_height_px(rows->field, &row);
-    rows->tiles.y0++;
+    rows->window.height += ls_region_height_px(rows->field, &rows->tiles);
+    rows->tiles.y0 = rows->tiles.y1;
     for (uint32_t k = 0; k < n; k++) {
         if (report[k].bound > rows->report.bound)
             rows->report.bound = report[k].bound;
@@ -120,11 +118,18 @@ void ls_relight_rows_add(struct ls_relight_rows *rows, const struct ls_accumulat
     }
 }
 
+uint32_t ls_relight_tile_rows(uint32_t width, uint32_t n)
+{
+    enum { CACHE = 16 << 20, MOST = 8 };
+    uint64_t row = (uint64_t)LS_TILE_SIDE * width * n * sizeof(float), rows = CACHE / (row + 1);
+    return rows < 1 ? 1 : rows > MOST ? MOST : (uint32_t)rows;
+}
+
 uint32_t ls_relight_band_end(const struct ls_field *field, const struct ls_demosaic_region *region,
-                             uint32_t y, uint32_t halo)
+                             uint32_t y, uint32_t halo, uint32_t tile_rows)
 {
     uint32_t last = region->y + region->height;
-    uint64_t tiles = ((uint64_t)y + halo) / LS_TILE_SIDE + 1, end = tiles * LS_TILE_SIDE;
+    uint64_t tiles = ((uint64_t)y + halo) / LS_TILE_SIDE + tile_rows, end = tiles * LS_TILE_SIDE;
     end = end < field->height ? end - halo : field->height;
     return end < last ? (uint32_t)end : last;
 }

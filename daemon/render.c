@@ -218,18 +218,19 @@ static double amplification(const struct ls_render *render)
     return filter * fmax(most, 1);
 }
 
-/* What a band of all pictures holds in memory: sums over a row of tiles and the rows kept beside
- * it, what is made of polarised pictures, and the pictures. One picture gets what it needs. A
+/* What a band of all pictures holds in memory: sums over rows of tiles and the rows kept beside
+ * them, what is made of polarised pictures, and the pictures. One picture gets what it needs. A
  * quarter more is at work beside them: 256 MiB are the whole. */
-static enum ls_err check_room(const struct ls_render *render, struct ls_diag *diag)
+static enum ls_err check_room(struct ls_render *render, struct ls_diag *diag)
 {
     static const double most = 200 << 20;
-    double sums = 0, rows = LS_TILE_SIDE + 2 * LS_DEMOSAIC_HALO;
-    double row = rows * render->region.width * sizeof(float);
+    uint32_t n = 3 * render->n_pictures;
+    double rows = LS_TILE_SIDE + 2 * LS_DEMOSAIC_HALO;
     for (uint32_t k = 0; k < render->n_streams; k++)
-        sums += render->streams[k].n;
-    double separated = 3.0 * render->source->field.n_channels * render->n_separated;
-    double need = row * (sums + separated + 3.0 * render->n_pictures);
+        n += render->streams[k].n;
+    n += 3 * render->source->field.n_channels * render->n_separated;
+    double need = rows * render->region.width * n * sizeof(float);
+    render->tile_rows = ls_relight_tile_rows(render->region.width, n);
     if (render->n_pictures > 1 && need > most)
         return ls_fail(diag, LS_ERR_LIMIT,
                        "%u pictures at once need %.0f MiB for a band, at most %.0f MiB are given; "
@@ -302,7 +303,7 @@ enum ls_err ls_render_step(struct ls_render *render, struct ls_demosaic_region *
     uint32_t height = render->source->height, y = render->next_y;
     uint32_t halo =
         render->n_separated > 0 ? 0 : LS_DEMOSAIC_HALO; /* whole tiles: core/separated.h */
-    uint32_t end = ls_relight_band_end(&render->source->field, r, y, halo);
+    uint32_t end = ls_relight_band_end(&render->source->field, r, y, halo, render->tile_rows);
     enum ls_err err = LS_OK;
     *pixels = NULL;
     uint32_t top = y > LS_DEMOSAIC_HALO ? y - LS_DEMOSAIC_HALO : 0;

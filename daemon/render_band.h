@@ -38,7 +38,7 @@ struct ls_render {
     struct ls_field_source *source;
     struct ls_promotion promotion;
     struct ls_demosaic_region region;
-    uint32_t n_pictures, next_y, lights_used;
+    uint32_t n_pictures, next_y, lights_used, tile_rows;
     bool mosaic;
     struct ls_crew crew;
     double error_scale; /* error of one sum, stored, to that of a picture */

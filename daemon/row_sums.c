@@ -1,9 +1,9 @@
 #include "daemon/row_sums.h"
 
 /* More shares than threads: who is done early takes another. */
-enum { SHARES_EACH = 2, MAX_SHARES = SHARES_EACH * LS_CREW_MAX_THREADS };
+enum { SHARES_EACH = 4, MAX_SHARES = SHARES_EACH * LS_CREW_MAX_THREADS };
 
-struct tile_row {
+struct tile_rows {
     const struct ls_relight_rows *rows;
     uint32_t n_shares;
     struct ls_accumulate_report report[MAX_SHARES];
@@ -11,8 +11,8 @@ struct tile_row {
 
 static enum ls_err sum_share(void *data, uint32_t share, unsigned thread, struct ls_diag *diag)
 {
-    struct tile_row *row = data;
-    return ls_relight_rows_sum(row->rows, share, row->n_shares, &row->report[share], diag);
+    struct tile_rows *some = data;
+    return ls_relight_rows_sum(some->rows, share, some->n_shares, &some->report[share], diag);
 }
 
 static uint32_t count_shares(const struct ls_crew *crew)
@@ -21,23 +21,16 @@ static uint32_t count_shares(const struct ls_crew *crew)
     return n > 1 ? n * SHARES_EACH : 1;
 }
 
-enum ls_err ls_row_sums_next(struct ls_relight_rows *rows, const struct ls_crew *crew, uint32_t y0,
-                             struct ls_diag *diag)
-{
-    struct tile_row row = {.rows = rows, .n_shares = count_shares(crew)};
-    enum ls_err err = ls_relight_rows_roll(rows, y0, diag);
-    if (!err)
-        err = ls_crew_run(crew, row.n_shares, sum_share, &row, diag);
-    if (!err)
-        ls_relight_rows_add(rows, row.report, row.n_shares);
-    return err;
-}
-
 enum ls_err ls_row_sums_need(struct ls_relight_rows *rows, const struct ls_crew *crew, uint32_t y0,
                              uint32_t y1, struct ls_diag *diag)
 {
-    enum ls_err err = LS_OK;
-    while (!err && rows->window.y + rows->window.height < y1)
-        err = ls_row_sums_next(rows, crew, y0, diag);
+    struct tile_rows some = {.rows = rows, .n_shares = count_shares(crew)};
+    if (rows->window.y + rows->window.height >= y1)
+        return LS_OK;
+    enum ls_err err = ls_relight_rows_roll(rows, y0, y1, diag);
+    if (!err)
+        err = ls_crew_run(crew, some.n_shares, sum_share, &some, diag);
+    if (!err)
+        ls_relight_rows_add(rows, some.report, some.n_shares);
     return err;
 }

@@ -8,13 +8,8 @@
 #include "core/relight_rows.h"
 #include "daemon/crew.h"
 
-/** Read one more tile row, of which there is one; what is above row @y0 of the picture is
- * forgotten. Errors: those of ls_relight_rows and of ls_crew_run. */
-LS_MUST_CHECK enum ls_err ls_row_sums_next(struct ls_relight_rows *rows, const struct ls_crew *crew,
-                                           uint32_t y0, struct ls_diag *diag);
-
 /** Make the window hold rows [y0, y1) of the picture; what is above y0 is forgotten if any tile row
- * must be read. Both only grow. Errors: as ls_row_sums_next. */
+ * must be read. Both only grow. Errors: those of ls_relight_rows and of ls_crew_run. */
 LS_MUST_CHECK enum ls_err ls_row_sums_need(struct ls_relight_rows *rows, const struct ls_crew *crew,
                                            uint32_t y0, uint32_t y1, struct ls_diag *diag);
 

@@ -55,8 +55,9 @@ void bench_relight(void *data)
     struct ls_relight_rows rows;
     struct ls_diag diag = {""};
     ls_relight_rows_init(&rows, r->field, &job, &whole, HALO);
+    uint32_t tile_rows = ls_relight_tile_rows(whole.width, r->n_sums + 3);
     for (uint32_t y = 0, end; y < whole.height; y = end) {
-        end = ls_relight_band_end(r->field, &whole, y, HALO);
+        end = ls_relight_band_end(r->field, &whole, y, HALO, tile_rows);
         struct band band = {r, &rows, y, end};
         must(ls_row_sums_need(&rows, &crew, y > HALO ? y - HALO : 0,
                               whole.height - end > HALO ? end + HALO : whole.height, &diag),

@@ -58,14 +58,16 @@ static void leave(struct take *take, const void *data)
     g_free(take->sums);
 }
 
-/* One tile row in @n shares, the last share first. */
-static void next_row(struct ls_relight_rows *rows, uint32_t y0, uint32_t n)
+/* Tile rows down to row @below in @n shares, the last share first; how many. */
+static uint32_t read_rows(struct ls_relight_rows *rows, uint32_t y0, uint32_t below, uint32_t n)
 {
     struct ls_accumulate_report report[16];
-    g_assert_cmpint(ls_relight_rows_roll(rows, y0, NULL), ==, LS_OK);
+    uint32_t first = rows->tiles.y0;
+    g_assert_cmpint(ls_relight_rows_roll(rows, y0, below, NULL), ==, LS_OK);
     for (uint32_t share = n; share-- > 0;)
         g_assert_cmpint(ls_relight_rows_sum(rows, share, n, &report[share], NULL), ==, LS_OK);
     ls_relight_rows_add(rows, report, n);
+    return rows->tiles.y0 - first;
 }
 
 static void check_rows(const struct take *take, const struct ls_relight_rows *rows, uint32_t y0,
@@ -92,19 +94,21 @@ static uint32_t below(uint32_t y)
 }
 
 /* Band after band of a region, each with its halo; tile rows are read once, and none too early. */
-static void check_bands(const struct take *take, struct ls_demosaic_region r, uint32_t n_shares)
+static void check_bands(const struct take *take, struct ls_demosaic_region r, uint32_t tile_rows,
+                        uint32_t n_shares)
 {
     struct ls_relight_rows rows;
     ls_relight_rows_init(&rows, &take->field, &take->job, &r, HALO);
     uint32_t read = 0, last = r.y + r.height;
     for (uint32_t y = r.y, end; y < last; y = end) {
-        end = ls_relight_band_end(&take->field, &r, y, HALO);
+        end = ls_relight_band_end(&take->field, &r, y, HALO, tile_rows);
         g_assert_cmpuint(end, >, y);
-        for (; rows.window.y + rows.window.height < below(end); read++)
-            next_row(&rows, above(y), n_shares);
+        if (rows.window.y + rows.window.height < below(end))
+            read += read_rows(&rows, above(y), below(end), n_shares);
         check_rows(take, &rows, above(y), below(end));
-        g_assert_cmpuint(rows.window.height, <=, LS_TILE_SIDE + 2 * HALO);
-        g_assert_cmpuint(rows.capacity, ==, LS_TILE_SIDE + 2 * HALO);
+        /* a region may begin so low in a tile row that its first band ends in the next */
+        uint32_t begun = y == r.y && y > 0;
+        g_assert_cmpuint(rows.window.height, <=, (tile_rows + begun) * LS_TILE_SIDE + 2 * HALO);
     }
     g_assert_cmpuint(read, ==, (below(last) - 1) / LS_TILE_SIDE - above(r.y) / LS_TILE_SIDE + 1);
     ls_relight_rows_finish(&rows);
@@ -117,7 +121,7 @@ static void test_shares_and_bands_do_not_show(struct take *take, const void *dat
                                                         {100, 62, 130, 66},   {0, 127, W, 78}};
     for (size_t k = 0; k < G_N_ELEMENTS(regions); k++)
         for (uint32_t n = 1; n <= 16; n = n < 3 ? n + 1 : 2 * n)
-            check_bands(take, regions[k], n);
+            check_bands(take, regions[k], n % 4 + 1, n);
 }
 
 /* As maps are made: bands that reach further than the rows kept at first. */
@@ -127,7 +131,7 @@ static void test_any_number_of_rows_can_be_kept(struct take *take, const void *d
     struct ls_relight_rows rows;
     ls_relight_rows_init(&rows, &take->field, &take->job, &whole, 0);
     for (uint32_t n = 1; n <= 4; n++) {
-        next_row(&rows, n < 4 ? 5 : 100, n);
+        read_rows(&rows, n < 4 ? 5 : 100, MIN(n * LS_TILE_SIDE, H), n);
         check_rows(take, &rows, n < 4 ? 5 : 100, MIN(n * LS_TILE_SIDE, H));
     }
     ls_relight_rows_finish(&rows);
@@ -143,7 +147,7 @@ static void test_reports_add_up(struct take *take, const void *data)
     for (uint32_t n = 1; n <= 5; n++) {
         ls_relight_rows_init(&rows, &take->field, &take->job, &whole, HALO);
         for (uint32_t t = 0; t < 4; t++)
-            next_row(&rows, t * LS_TILE_SIDE, n);
+            read_rows(&rows, t * LS_TILE_SIDE, MIN((t + 1) * LS_TILE_SIDE, H), n);
         g_assert_cmpuint(rows.report.tiles_read + rows.report.tiles_skipped, ==, TILES * LIGHTS);
         g_assert_cmpuint(rows.report.tiles_skipped, >, TILES - 8);
         g_assert_cmpfloat(rows.report.bound, >, 0);
@@ -161,7 +165,7 @@ static void test_a_weight_that_is_no_number_is_refused(struct take *take, const 
     struct ls_diag diag = {{0}};
     take->weights[LIGHTS + 2] = (float)INFINITY;
     ls_relight_rows_init(&rows, &take->field, &take->job, &whole, HALO);
-    g_assert_cmpint(ls_relight_rows_roll(&rows, 0, NULL), ==, LS_OK);
+    g_assert_cmpint(ls_relight_rows_roll(&rows, 0, 1, NULL), ==, LS_OK);
     g_assert_cmpint(ls_relight_rows_sum(&rows, 0, 2, &report, &diag), ==, LS_ERR_INVALID);
     g_assert_nonnull(strstr(diag.text, "light 2 in sum 1"));
     ls_relight_rows_finish(&rows);
