@@ -46,6 +46,7 @@ enum ls_subject { LS_SUBJECT_STILL, LS_SUBJECT_LIVE };
  *                    pairs "harmonic-07p", "harmonic-07n": max(f, 0), max(-f, 0); f = Y / peak over
  *                    the lights (core/bases.h)
  *   "gradient-x"     (1 + omega.x) / 2; y, z; "gradient-full": all lights at that level
+ *   "custom"         item `part` of the plan's own list (daemon/plan_custom.h)
  * Lights whose level rounds to 0 are left out.
  */
 struct ls_plan_condition {

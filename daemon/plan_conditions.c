@@ -2,6 +2,7 @@
 
 #include "core/segments.h"
 #include "core/smooth_order.h"
+#include "daemon/plan_custom.h"
 #include "daemon/plan_patterns.h"
 
 #include <math.h>
@@ -379,7 +380,8 @@ static void refuse_repeats(struct ls_conf *c, const struct ls_plan *plan)
 
 void ls_plan_read_conditions(struct ls_conf *c, struct ls_plan_builder *b)
 {
-    const config_setting_t *list = ls_conf_child(c, "conditions", CONFIG_TYPE_LIST, true);
+    bool custom = config_setting_get_member(c->group, "custom") != NULL;
+    const config_setting_t *list = ls_conf_child(c, "conditions", CONFIG_TYPE_LIST, !custom);
     LS_CLEANUP_FREE uint16_t *lights = calloc(b->config->n_lights, sizeof *lights);
     if (!lights)
         c->err = LS_ERR_NOMEM;
@@ -388,6 +390,7 @@ void ls_plan_read_conditions(struct ls_conf *c, struct ls_plan_builder *b)
         ls_conf_error(c, "conditions", "empty: nothing to photograph");
     for (int i = 0; i < n && !c->err; i++)
         read_condition(c, config_setting_get_elem(list, (unsigned)i), b, lights);
+    ls_plan_read_custom(c, b);
     if (!c->err)
         refuse_repeats(c, b->plan);
 }
