@@ -94,7 +94,7 @@ static enum ls_err render_now(const struct sim_scene *scene, uint32_t camera,
     return sim_render(scene, camera, &list, 1, NULL, NULL, diag);
 }
 
-static enum ls_err look(const struct sim_scene *scene, const struct sim_exposure *e,
+static enum ls_err look(struct sim_scene *scene, const struct sim_exposure *e,
                         const struct sim_raw_format *f, struct sight *sight, struct ls_diag *diag)
 {
     if (scene->kind == SIM_WORLD_STAMP) {
@@ -104,19 +104,16 @@ static enum ls_err look(const struct sim_scene *scene, const struct sim_exposure
             return ls_fail(diag, LS_ERR_NOMEM, "out of memory for a stamp");
         return sim_stamp_draw(&stamp, f->width, f->height, sight->stamp, diag);
     }
+    if (e->condition >= SIM_CONDITION_WORK && e->condition != UINT32_MAX) {
+        const struct sim_picture *work = sim_work_picture(scene, e->condition - SIM_CONDITION_WORK);
+        sight->half = work ? work->half[e->camera] : NULL;
+        return work ? LS_OK : ls_fail(diag, LS_ERR_NOMEM, "no picture of the work light");
+    }
     if (e->condition >= scene->n_conditions || !scene->program[e->condition])
         return LS_OK;
     const struct sim_picture *picture = scene->program[e->condition];
     sight->half = picture->half[e->camera];
     return sight->half ? LS_OK : render_now(scene, e->camera, picture, sight, diag);
-}
-
-/* Of a condition in several channels: that of its first LED. */
-static double drift(const struct sim_scene *scene, const struct sim_exposure *e)
-{
-    if (e->condition >= scene->n_conditions || !scene->conditions[e->condition].n_leds)
-        return 1;
-    return sim_scene_drift(scene, scene->conditions[e->condition].leds[0].channel, e->sequence);
 }
 
 static void expose_row(const struct sim_scene *scene, const struct sim_exposure *e,
@@ -132,8 +129,7 @@ static void expose_row(const struct sim_scene *scene, const struct sim_exposure 
         return;
     }
     float veil = (float)(full_well * rate * config->ambient * e->exposure_us * 1e-6);
-    float scale =
-        (float)(full_well * rate * e->lit_us * 1e-6 / sim_picture_scale * drift(scene, e));
+    float scale = (float)(full_well * rate * e->lit_us * 1e-6 / sim_picture_scale);
     memset(signal, 0, f->width * sizeof *signal);
     if (sight->half)
         ls_half_to_floats(sight->half + (size_t)(f->offset_y + row) * scene->view[e->camera].width +

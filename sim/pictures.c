@@ -284,8 +284,37 @@ enum ls_err sim_scene_commit(struct sim_scene *scene, const struct sim_condition
     return LS_OK;
 }
 
+static struct sim_picture *make_work(const struct sim_scene *scene, uint32_t channel)
+{
+    uint32_t n = scene->geometry.n_lights;
+    struct sim_picture *p = calloc(1, sizeof *p);
+    if (!p)
+        return NULL;
+    *p = (struct sim_picture){.n_leds = n, .leds = calloc(n + 1, sizeof *p->leds)};
+    for (uint32_t i = 0; p->leds && i < n; i++)
+        p->leds[i] = (struct sim_led){(uint16_t)i, (uint16_t)channel, 1};
+    if (p->leds && !render(scene, &p, 1, NULL, NULL, NULL))
+        return p;
+    picture_destroy(p);
+    return NULL;
+}
+
+const struct sim_picture *sim_work_picture(struct sim_scene *scene, uint32_t channel)
+{
+    if (channel >= scene->config.n_channels)
+        return NULL;
+    pthread_mutex_lock(&scene->work_lock);
+    if (!scene->work[channel])
+        scene->work[channel] = make_work(scene, channel);
+    const struct sim_picture *picture = scene->work[channel];
+    pthread_mutex_unlock(&scene->work_lock);
+    return picture;
+}
+
 void sim_pictures_finish(struct sim_scene *scene)
 {
+    for (uint32_t i = 0; i < SIM_MAX_CHANNELS; i++)
+        picture_destroy(scene->work[i]);
     for (uint32_t i = 0; i < scene->n_pictures; i++)
         picture_destroy(scene->pictures[i]);
     for (uint32_t i = 0; i < scene->n_conditions; i++)

@@ -70,6 +70,12 @@ static void on_dark(void *user, uint64_t true_ns)
     sim_showing_end(rig->showing, true_ns);
 }
 
+static void on_work(void *user, uint64_t true_ns, uint16_t channel, double duty)
+{
+    struct sim_rig *rig = user;
+    sim_showing_work(rig->showing, true_ns, channel, sim_scene_quantise(rig->scene, duty));
+}
+
 static void on_render(void *user, const struct sim_exposure *exposure,
                       const struct sim_raw_format *format, void *raw)
 {
@@ -111,7 +117,7 @@ static enum ls_err create_cameras(struct sim_rig *rig, struct ls_diag *diag)
 
 static enum ls_err create_controller(struct sim_rig *rig, struct ls_diag *diag)
 {
-    struct sim_controller_hooks hooks = {rig, on_commit, on_pulse, on_release, on_dark};
+    struct sim_controller_hooks hooks = {rig, on_commit, on_pulse, on_release, on_dark, on_work};
     struct sim_controller_config config = rig->config->controller;
     config.n_lights = sim_scene_geometry(rig->scene)->n_lights;
     return sim_controller_create(&config, &hooks, &rig->controller, diag);

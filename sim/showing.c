@@ -17,6 +17,8 @@ struct sim_showing {
     uint64_t n_spans;
     struct sim_shown *shown;
     uint32_t n_shown;
+    struct span work; /* the last time that the work light was on; condition: as it is shown */
+    double work_duty;
 };
 
 enum ls_err sim_showing_create(struct sim_showing **out, struct ls_diag *diag)
@@ -93,6 +95,19 @@ void sim_showing_end(struct sim_showing *showing, uint64_t true_ns)
     pthread_mutex_unlock(&showing->lock);
 }
 
+void sim_showing_work(struct sim_showing *showing, uint64_t true_ns, uint32_t channel, double duty)
+{
+    pthread_mutex_lock(&showing->lock);
+    if (duty > 0) {
+        showing->work =
+            (struct span){true_ns, UINT64_MAX, SIM_CONDITION_WORK + channel, UINT32_MAX};
+        showing->work_duty = duty;
+    } else if (showing->work.end_ns > true_ns) {
+        showing->work.end_ns = true_ns;
+    }
+    pthread_mutex_unlock(&showing->lock);
+}
+
 static uint64_t overlap(const struct span *span, uint64_t start_ns, uint64_t end_ns)
 {
     uint64_t from = span->start_ns > start_ns ? span->start_ns : start_ns;
@@ -104,6 +119,7 @@ void sim_showing_in(struct sim_showing *showing, uint64_t start_ns, uint64_t end
                     uint32_t *condition, uint32_t *step, double *lit_us)
 {
     uint64_t longest = 0;
+    double share = 1;
     *condition = *step = UINT32_MAX;
     pthread_mutex_lock(&showing->lock);
     uint64_t n = showing->n_spans < HISTORY ? showing->n_spans : HISTORY;
@@ -115,8 +131,14 @@ void sim_showing_in(struct sim_showing *showing, uint64_t start_ns, uint64_t end
         *condition = showing->spans[i].condition;
         *step = showing->spans[i].step;
     }
+    uint64_t worked = overlap(&showing->work, start_ns, end_ns);
+    if (longest == 0 && worked > 0) {
+        longest = worked;
+        share = showing->work_duty;
+        *condition = showing->work.condition;
+    }
     pthread_mutex_unlock(&showing->lock);
-    *lit_us = (double)longest / 1e3;
+    *lit_us = (double)longest * share / 1e3;
 }
 
 struct sim_shown sim_showing_describe(struct sim_showing *showing, uint32_t index)

@@ -34,8 +34,12 @@ void sim_showing_begin(struct sim_showing *showing, const struct sim_pulse *puls
 /** LEDs off: a hold was released, or a pulse cut short. */
 void sim_showing_end(struct sim_showing *showing, uint64_t true_ns);
 
+/** The work light has changed: every light of @channel steadily at @duty, 0 = off. */
+void sim_showing_work(struct sim_showing *showing, uint64_t true_ns, uint32_t channel, double duty);
+
 /** Which step was lit longest in [@start_ns, @end_ns), and for how long; all UINT32_MAX and 0 if
- * none. Remembers the last 1024 pulses. */
+ * none. Where no step was, SIM_CONDITION_WORK + channel if the work light was. Remembers the last
+ * 1024 pulses. */
 void sim_showing_in(struct sim_showing *showing, uint64_t start_ns, uint64_t end_ns,
                     uint32_t *condition, uint32_t *step, double *lit_us);
 

@@ -48,12 +48,18 @@ struct sim_condition {
     struct sim_led *leds; /* SPHERE and SEGMENT are already expanded */
 };
 
+/** Of an exposure: this plus a channel where the work light shines, every light of the channel.
+ * What is steadily on at a duty is on for that share of the exposure: `lit_us` is exposure x duty.
+ */
+#define SIM_CONDITION_WORK 0xffffff00u
+
 /** One exposure of one camera, as it truly happened. */
 struct sim_exposure {
     uint64_t true_ns;   /* start */
     double exposure_us; /* as integrated: pulse + offset, or the ExposureTime register */
     double lit_us;      /* how long of it the LEDs were on */
-    uint32_t condition; /* index into the committed program; UINT32_MAX = dark */
+    uint32_t condition; /* index into the committed program; SIM_CONDITION_WORK + channel;
+                           UINT32_MAX = dark */
     uint32_t step;      /* controller step since arm; UINT32_MAX = not a step */
     uint32_t camera;    /* index */
     uint64_t sequence;  /* exposures of this camera since start: seeds the noise */

@@ -57,6 +57,9 @@ struct sim_scene {
     struct sim_picture **program; /* of each condition; NULL = dark */
     struct sim_condition *conditions;
     uint32_t n_conditions;
+    /* the work light's pictures at full duty, by channel, made when first seen; lock */
+    pthread_mutex_t work_lock;
+    struct sim_picture *work[SIM_MAX_CHANNELS];
 };
 
 /** Full scale per second of radiance 1. */
@@ -90,6 +93,10 @@ LS_MUST_CHECK enum ls_err sim_render(const struct sim_scene *scene, uint32_t cam
                                      struct sim_picture *const *pictures, uint32_t n,
                                      sim_scene_progress *progress, void *user,
                                      struct ls_diag *diag);
+
+/** What the work light of @channel shows at full duty; rendered by the first who asks, who waits
+ * for it. (transfer none). NULL: no such channel, or out of memory. (sim/pictures.c) */
+const struct sim_picture *sim_work_picture(struct sim_scene *scene, uint32_t channel);
 
 /** Free the program and every picture. (sim/pictures.c) */
 void sim_pictures_finish(struct sim_scene *scene);
