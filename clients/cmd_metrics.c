@@ -45,10 +45,11 @@ static void print_json(const Lightstage__MetricsReply *m)
     for (size_t i = 0; i < m->n_cameras; i++)
         json_array_append_new(cameras, camera_json(m->cameras[i]));
     ls_command_print_json(
-        json_pack("{so sI sI sI sI sI sb}", "cameras", cameras, "pulses", (json_int_t)m->pulses,
+        json_pack("{so sI sI sI sI sI sb sI}", "cameras", cameras, "pulses", (json_int_t)m->pulses,
                   "takes_complete", (json_int_t)m->takes_complete, "takes_incomplete",
                   (json_int_t)m->takes_incomplete, "takes_aborted", (json_int_t)m->takes_aborted,
-                  "takes_failed", (json_int_t)m->takes_failed, "take_running", m->take_running));
+                  "takes_failed", (json_int_t)m->takes_failed, "take_running", m->take_running,
+                  "pictures_skipped", (json_int_t)m->pictures_skipped));
 }
 
 /* ---- text ---- */

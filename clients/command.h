@@ -44,7 +44,8 @@ struct ls_command {
 extern const struct ls_command ls_command_status, ls_command_rig, ls_command_preflight,
     ls_command_take_start, ls_command_take_resume, ls_command_take_abort, ls_command_take_list,
     ls_command_take_show, ls_command_take_verify, ls_command_take_slate, ls_command_fetch,
-    ls_command_relight, ls_command_blank, ls_command_calibrate, ls_command_metrics;
+    ls_command_relight, ls_command_blank, ls_command_calibrate, ls_command_metrics,
+    ls_command_preview;
 
 /** Options every command has; put them at the end of its table. */
 enum { LS_OPTION_SOCKET = 1000, LS_OPTION_JSON, LS_OPTION_HELP };

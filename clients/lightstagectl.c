@@ -14,6 +14,7 @@ static const struct ls_command *const commands[] = {
     &ls_command_take_verify, &ls_command_take_resume, &ls_command_take_abort,
     &ls_command_fetch,       &ls_command_relight,     &ls_command_blank,
     &ls_command_calibrate,   &ls_command_take_slate,  &ls_command_metrics,
+    &ls_command_preview,
 };
 
 enum { N_COMMANDS = sizeof commands / sizeof *commands };

@@ -65,6 +65,8 @@ static void put_daemon(FILE *out, const Lightstage__MetricsReply *m)
             m->stalled_closed);
     put_one(out, "events_skipped_total", "counter", "Reports that a slow client did not get.",
             m->events_skipped);
+    put_one(out, "pictures_skipped_total", "counter",
+            "Pictures of what cameras see that a slow client did not get.", m->pictures_skipped);
 }
 
 /* ---- counters of cameras ---- */

@@ -24,6 +24,10 @@ struct ls_engine {
     char *calibration_json;
     struct ls_calibration *calibration;
     struct ls_metrics metrics;
+    struct ls_preview *preview;
+    struct ls_framing *framing; /* NULL: none */
+    enum ls_err framing_err;    /* what ended it, beside its client */
+    struct ls_diag framing_why;
     struct ls_take_context context;
     ls_take_callback *callback;
     void *user;
@@ -75,13 +79,15 @@ enum ls_err ls_engine_create(const struct ls_config *config, ls_take_callback *c
     e->user = user;
     e->main = g_main_context_ref_thread_default();
     e->probe = ls_probe_create(config, probe_remember_us, probe_wait_us);
-    enum ls_err err =
-        e->probe ? load_calibration(e, diag) : ls_fail(diag, LS_ERR_NOMEM, "out of memory");
+    e->preview = ls_preview_create(config);
+    enum ls_err err = e->probe && e->preview ? load_calibration(e, diag)
+                                             : ls_fail(diag, LS_ERR_NOMEM, "out of memory");
     if (err) {
         ls_engine_destroy(e);
         return err;
     }
-    e->context = (struct ls_take_context){config, e->calibration_json, e->calibration, &e->metrics};
+    e->context = (struct ls_take_context){config, e->calibration_json, e->calibration, &e->metrics,
+                                          e->preview};
     *out = e;
     return LS_OK;
 }
@@ -194,11 +200,69 @@ static enum ls_err check_token(const char *token, struct ls_diag *diag)
     return LS_OK;
 }
 
+/* ---- the live view ---- */
+
+struct ls_preview *ls_engine_preview(struct ls_engine *e)
+{
+    return e->preview;
+}
+
+enum ls_err ls_engine_frame(struct ls_engine *e, const struct ls_framing_wish *wish,
+                            struct ls_diag *diag)
+{
+    if (e->take)
+        return busy(e, diag);
+    if (e->framing)
+        return ls_fail(diag, LS_ERR_BUSY, "another client has the live view under steady light");
+    ls_probe_release(e->probe);
+    e->framing_err = LS_OK;
+    return ls_framing_start(e->config, wish, e->preview, &e->framing, diag);
+}
+
+bool ls_engine_framing(const struct ls_engine *e)
+{
+    return e->framing && ls_framing_runs(e->framing);
+}
+
+static void end_framing(struct ls_engine *e, bool dark)
+{
+    if (e->framing)
+        e->framing_err = ls_framing_end(e->framing, dark, &e->framing_why);
+    e->framing = NULL;
+}
+
+enum ls_err ls_engine_frame_end(struct ls_engine *e, struct ls_diag *diag)
+{
+    end_framing(e, false);
+    if (e->framing_err && diag)
+        *diag = e->framing_why;
+    return e->framing_err;
+}
+
+/* The devices are needed for something else: its client learns why when it looks again. */
+static void take_over(struct ls_engine *e, enum ls_err err, const char *why)
+{
+    if (!e->framing)
+        return;
+    end_framing(e, true);
+    if (!e->framing_err)
+        e->framing_err = ls_fail(&e->framing_why, err, "%s", why);
+}
+
+static void take_over_for_take(struct ls_engine *e)
+{
+    take_over(e, LS_ERR_BUSY, "a take begins: the live view under steady light ends");
+}
+
+/* ---- takes ---- */
+
 enum ls_err ls_engine_preflight(struct ls_engine *e, const char *plan_text,
                                 struct ls_preflight *out, struct ls_diag *diag)
 {
     if (e->take)
         return busy(e, diag);
+    if (e->framing)
+        return ls_fail(diag, LS_ERR_BUSY, "the live view has the devices: end it first");
     ls_probe_release(e->probe);
     return ls_take_preflight(&e->context, plan_text, out, diag);
 }
@@ -213,6 +277,7 @@ enum ls_err ls_engine_start(struct ls_engine *e, const char *name, const char *p
         return err;
     if (e->take)
         return busy(e, diag);
+    take_over_for_take(e);
     ls_probe_release(e->probe);
     err = ls_take_create(&e->context, name, plan_text, &take, diag);
     if (!err)
@@ -229,6 +294,7 @@ enum ls_err ls_engine_resume(struct ls_engine *e, const char *take_id, const cha
         return err;
     if (e->take)
         return busy(e, diag);
+    take_over_for_take(e);
     ls_probe_release(e->probe);
     err = ls_take_reopen(&e->context, take_id, &take, diag);
     if (!err)
@@ -250,6 +316,7 @@ enum ls_err ls_engine_blank(struct ls_engine *e, struct ls_diag *diag)
         ls_take_blank(e->take); /* the sequencer blanks first of all */
         return LS_OK;
     }
+    take_over(e, LS_ERR_ABORTED, "all lights were turned off: the live view ends");
     ls_probe_release(e->probe);
     struct ls_lights *lights;
     enum ls_err err = ls_lights_open(&e->config->lights_driver, &lights, diag);
@@ -268,7 +335,7 @@ void ls_engine_status(struct ls_engine *e, struct ls_engine_status *out)
     if (!statvfs(e->config->storage, &fs))
         out->disk_free_bytes = (uint64_t)fs.f_bavail * fs.f_frsize;
     snprintf(out->calibration, sizeof out->calibration, "%s", e->calibration ? "given" : "none");
-    if (e->take) { /* the take holds the devices */
+    if (e->take || e->framing) { /* they hold the devices */
         out->devices.lights_connected = true;
         for (uint32_t i = 0; i < e->config->n_cameras; i++)
             out->devices.cameras[i].connected = true;
@@ -299,7 +366,9 @@ void ls_engine_destroy(struct ls_engine *e)
     while (g_main_context_find_source_by_user_data(e->main, e))
         g_source_destroy(g_main_context_find_source_by_user_data(e->main, e));
     g_main_context_unref(e->main);
+    (void)ls_engine_frame_end(e, NULL);
     ls_probe_destroy(e->probe);
+    ls_preview_destroy(e->preview);
     ls_calibration_destroy(e->calibration);
     free(e->calibration_json);
     free(e);

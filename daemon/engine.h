@@ -10,7 +10,9 @@
 #include "core/error.h"
 #include "daemon/capture.h"
 #include "daemon/config.h"
+#include "daemon/framing.h"
 #include "daemon/metrics.h"
+#include "daemon/preview.h"
 #include "daemon/probe.h"
 
 #include <stdbool.h>
@@ -68,10 +70,10 @@ LS_MUST_CHECK enum ls_err ls_engine_create(const struct ls_config *config,
 /** Ends a running take (LEDs dark, what is stored stays) and frees. NULL is allowed. */
 void ls_engine_destroy(struct ls_engine *engine);
 
-/** While a take runs its devices count as connected. Else they are asked, at most once a second and
- * on another thread: returns within 250 ms (3 s if nothing is known: after the start, a take and
- * the calls below) with what is known by then. A device that is being asked keeps the calls below
- * waiting until it has answered or timed out. */
+/** While a take or the live view runs its devices count as connected. Else they are asked, at most
+ * once a second and on another thread: returns within 250 ms (3 s if nothing is known: after the
+ * start, a take and the calls below) with what is known by then. A device that is being asked keeps
+ * the calls below waiting until it has answered or timed out. */
 void ls_engine_status(struct ls_engine *engine, struct ls_engine_status *out);
 
 /** Errors: LS_ERR_INVALID, LS_ERR_LIMIT, LS_ERR_REFUSED (flashing), LS_ERR_FULL, LS_ERR_GONE. */
@@ -97,6 +99,22 @@ LS_MUST_CHECK enum ls_err ls_engine_abort(struct ls_engine *engine, struct ls_di
 
 /** All LEDs off, now; aborts a running take. */
 LS_MUST_CHECK enum ls_err ls_engine_blank(struct ls_engine *engine, struct ls_diag *diag);
+
+/** Where frames of takes and of the live view are to be seen. (transfer none). */
+struct ls_preview *ls_engine_preview(struct ls_engine *engine);
+
+/** The live view under steady light: a camera runs freely and offers its frames. A take ends it,
+ * and so does blank. Errors: LS_ERR_BUSY (a take runs, or a live view), those of ls_framing_start.
+ */
+LS_MUST_CHECK enum ls_err ls_engine_frame(struct ls_engine *engine,
+                                          const struct ls_framing_wish *wish, struct ls_diag *diag);
+
+/** End it, light out; nothing if there is none. What it ended with before that: as
+ * ls_framing_end, LS_ERR_BUSY (a take has begun), LS_ERR_ABORTED (blank). */
+enum ls_err ls_engine_frame_end(struct ls_engine *engine, struct ls_diag *diag);
+
+/** Does it go on? */
+bool ls_engine_framing(const struct ls_engine *engine);
 
 /** What was counted since create. (transfer none), any thread. */
 const struct ls_metrics *ls_engine_metrics(const struct ls_engine *engine);

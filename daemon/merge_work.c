@@ -2,6 +2,7 @@
 
 #include "core/crc32c.h"
 #include "daemon/attributes.h"
+#include "daemon/preview.h"
 #include "daemon/realtime.h"
 #include "daemon/store.h"
 
@@ -331,6 +332,9 @@ static enum ls_err copy_in(struct ls_merge_stage *stage, const struct ls_merge_j
     enum ls_err err = record(stage, job, a->raw[i], diag);
     if (err)
         return err;
+    const struct ls_merge_camera *camera = &stage->cameras[job->camera];
+    ls_preview_offer(stage->config.setup->preview, job->camera, camera->format, camera->width,
+                     camera->height, a->raw[i], job->bound.frame.frame_id, job->bound.exposure_us);
     pthread_mutex_lock(&stage->lock);
     count_in(stage, job);
     a->copying--;
@@ -345,22 +349,6 @@ static enum ls_err copy_in(struct ls_merge_stage *stage, const struct ls_merge_j
     return last ? start_merge(stage, a, diag) : LS_OK;
 }
 
-/* What the picture says about the rig. */
-static enum ls_err check(struct ls_merge_stage *stage, const struct ls_accumulator *a,
-                         struct ls_diag *diag)
-{
-    const struct ls_capture_setup *setup = stage->config.setup;
-    const struct ls_merge_camera *camera = &stage->cameras[a->camera];
-    const struct ls_picture_view view = {a->half, a->validity, camera->width, camera->height,
-                                         camera->format->cfa};
-    struct ls_diag alarm = {{0}};
-    if (!setup->checks)
-        return LS_OK;
-    enum ls_err err =
-        ls_checks_picture(setup->checks, a->camera, a->condition, &view, &alarm, diag);
-    return !err && alarm.text[0] ? ls_store_alarm(setup->store, alarm.text, diag) : err;
-}
-
 static enum ls_err publish_merged(struct ls_merge_stage *stage, struct ls_accumulator *a,
                                   struct ls_diag *diag)
 {
@@ -371,8 +359,6 @@ static enum ls_err publish_merged(struct ls_merge_stage *stage, struct ls_accumu
     const struct ls_picture_times times =
         count_merged(stage, a->camera, a->pulse_ns, a->arrived_ns);
     enum ls_err err = publish(stage, a->camera, a->condition, longest, &mosaic, &times, diag);
-    if (!err)
-        err = check(stage, a, diag);
     if (err)
         return err;
     count_published(stage, a->camera, a->condition);

@@ -2,6 +2,7 @@
 
 #include "daemon/condition_job.h"
 #include "daemon/fetch_job.h"
+#include "daemon/live.h"
 #include "daemon/metrics_reply.h"
 #include "daemon/relight_job.h"
 #include "daemon/take_jobs.h"
@@ -139,6 +140,7 @@ static void handle_metrics(const struct call *call)
     reply->message.connections = service->n_sessions;
     reply->message.stalled_closed = service->stalled_closed;
     reply->message.events_skipped = service->events_skipped;
+    reply->message.pictures_skipped = service->pictures_skipped;
     reply->message.take_running = !ls_take_ended(&service->take);
     answer(call, &reply->message.base);
     ls_metrics_reply_free(reply);
@@ -422,6 +424,49 @@ static void handle_relight(const struct call *call)
         ls_session_run(call->session, job);
 }
 
+/* ---- the live view ---- */
+
+/* The number of a channel by its name, -1 of none; false: there is no such. */
+static bool find_channel(const struct ls_config *config, const char *name, int32_t *channel)
+{
+    *channel = -1;
+    for (uint32_t i = 0; i < config->n_channels; i++)
+        if (strcmp(config->channels[i].name, name) == 0)
+            *channel = (int32_t)i;
+    return !name[0] || *channel >= 0;
+}
+
+static void handle_preview(const struct call *call)
+{
+    const Lightstage__Preview *in = (const Lightstage__Preview *)call->message;
+    struct ls_service *service = ls_session_service(call->session);
+    const struct ls_config *config = ls_engine_config(service->engine);
+    struct ls_framing_wish wish = {in->camera, in->exposure_us, -1, in->level};
+    struct ls_diag diag = {0};
+    bool frames = in->exposure_us != 0;
+    ls_live_look(service); /* who has lost the live view learns it before another gets it */
+    if (in->camera >= config->n_cameras || !find_channel(config, in->channel, &wish.channel)) {
+        bad_argument(call, "no such camera or channel; see rig");
+        return;
+    }
+    if (ls_session_watches(call->session)) {
+        ls_session_error(call->session, call->id, LS_PROTO_TOO_MANY,
+                         "this connection looks already");
+        return;
+    }
+    if (!frames && in->channel[0]) {
+        bad_argument(call, "steady light without an exposure: expected exposure_us above 0");
+        return;
+    }
+    enum ls_err err = frames ? ls_engine_frame(service->engine, &wish, &diag) : LS_OK;
+    if (err) {
+        fail(call, err, LS_PROTO_ABOUT_REQUEST, &diag);
+        return;
+    }
+    ls_session_watch(call->session, call->id, in->camera, frames);
+    ls_live_begin(service);
+}
+
 /* ---- the rest ---- */
 
 static void handle_blank(const struct call *call)
@@ -459,6 +504,7 @@ static const struct {
     {LS_MESSAGE_TAKE_SHOW, handle_take_show},
     {LS_MESSAGE_TAKE_VERIFY, handle_take_verify},
     {LS_MESSAGE_TAKE_SLATE, handle_take_slate},
+    {LS_MESSAGE_PREVIEW, handle_preview},
     {LS_MESSAGE_FETCH, handle_fetch},
     {LS_MESSAGE_RELIGHT, handle_relight},
     {LS_MESSAGE_BLANK, handle_blank},

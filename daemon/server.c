@@ -1,6 +1,7 @@
 #include "daemon/server.h"
 
 #include "daemon/listen.h"
+#include "daemon/live.h"
 #include "daemon/service.h"
 #include "daemon/session.h"
 
@@ -127,6 +128,7 @@ void ls_server_destroy(struct ls_server *server)
         return;
     g_source_remove(server->accepting);
     g_source_remove(server->ticking);
+    ls_live_end(&server->service);
     if (!server->service.config.listener) /* else the path is not ours */
         unlink(server->socket_path);
     close(server->fd);

@@ -34,6 +34,12 @@ struct ls_session {
     bool stepping_cancelled;
     uint32_t subscription; /* request id, 0 = none */
     bool event_pending;
+    struct {
+        uint32_t request; /* 0 = does not look */
+        uint32_t camera;
+        bool frames; /* the live view is this client's */
+        uint64_t skipped;
+    } preview;
     int64_t read_us, wrote_us; /* last time bytes moved in, out */
     unsigned refs;             /* the connection, and the step under way */
     bool open;
@@ -82,11 +88,20 @@ static void drain(int fd)
             return;
 }
 
+static void end_preview(struct ls_session *session)
+{
+    if (session->preview.frames)
+        (void)ls_engine_frame_end(session->service->engine, NULL);
+    session->preview.request = 0;
+    session->preview.frames = false;
+}
+
 void ls_session_close(struct ls_session *session)
 {
     if (!session->open)
         return;
     session->open = false;
+    end_preview(session);
     drop_source(&session->reading);
     drop_source(&session->writing);
     drain(session->fd);
@@ -210,6 +225,7 @@ static void refuse(struct ls_session *session, uint32_t request, uint32_t number
     g_queue_clear_full(&session->jobs, drop_job);
     session->subscription = 0;
     session->event_pending = false;
+    end_preview(session);
     ls_session_error(session, request, number, text);
 }
 
@@ -254,7 +270,8 @@ static void kick(struct ls_session *session)
 
 static unsigned in_flight(const struct ls_session *session)
 {
-    return session->jobs.length + (session->stepping != NULL) + (session->subscription != 0);
+    return session->jobs.length + (session->stepping != NULL) + (session->subscription != 0) +
+           (session->preview.request != 0);
 }
 
 void ls_session_run(struct ls_session *session, struct ls_job *job)
@@ -277,6 +294,11 @@ bool ls_session_cancel(struct ls_session *session, uint32_t request)
     if (session->subscription == request) {
         session->subscription = 0;
         session->event_pending = false;
+        ls_session_error(session, request, LS_PROTO_CANCELLED, "cancelled by the client");
+        return true;
+    }
+    if (session->preview.request == request) {
+        end_preview(session);
         ls_session_error(session, request, LS_PROTO_CANCELLED, "cancelled by the client");
         return true;
     }
@@ -316,6 +338,79 @@ void ls_session_take_event(struct ls_session *session)
     if (session->event_pending)
         session->service->events_skipped++;
     session->event_pending = true;
+}
+
+/* ---- pictures of what cameras see ---- */
+
+bool ls_session_watch(struct ls_session *session, uint32_t request, uint32_t camera, bool frames)
+{
+    if (session->preview.request)
+        return false;
+    session->preview.request = request;
+    session->preview.camera = camera;
+    session->preview.frames = frames;
+    session->preview.skipped = 0;
+    return true;
+}
+
+bool ls_session_watches(const struct ls_session *session)
+{
+    return session->preview.request != 0;
+}
+
+bool ls_session_frames(const struct ls_session *session)
+{
+    return session->preview.frames;
+}
+
+static bool looks_at(const struct ls_session *session, uint32_t camera)
+{
+    return session->preview.request && session->preview.camera == camera;
+}
+
+bool ls_session_wants_picture(const struct ls_session *session, uint32_t camera)
+{
+    return looks_at(session, camera) && session->outbox.bytes == 0;
+}
+
+void ls_session_picture(struct ls_session *session, uint32_t camera,
+                        const struct ls_preview_picture *picture)
+{
+    Lightstage__PreviewReply body = LIGHTSTAGE__PREVIEW_REPLY__INIT;
+    size_t n = (size_t)picture->width * picture->height * 3;
+    double clip[3];
+    if (!looks_at(session, camera))
+        return;
+    uint8_t *rgb = session->outbox.bytes == 0 ? malloc(n) : NULL;
+    if (!rgb) {
+        session->preview.skipped++;
+        session->service->pictures_skipped++;
+        return;
+    }
+    memcpy(rgb, picture->rgb, n);
+    memcpy(clip, picture->figures.clip, sizeof clip);
+    body.camera = camera;
+    body.width = picture->width;
+    body.height = picture->height;
+    body.bin = picture->bin;
+    body.frame_id = picture->frame_id;
+    body.exposure_us = picture->exposure_us;
+    body.focus = picture->figures.focus;
+    body.clip = clip;
+    body.n_clip = picture->figures.n_colours;
+    body.skipped = session->preview.skipped;
+    ls_session_reply(session, session->preview.request, LS_MESSAGE_PREVIEW | LS_MESSAGE_REPLY,
+                     &body.base, rgb, n, false);
+}
+
+void ls_session_framing_ended(struct ls_session *session)
+{
+    struct ls_diag why = {{0}};
+    uint32_t request = session->preview.request;
+    enum ls_err err = ls_engine_frame_end(session->service->engine, &why);
+    session->preview.frames = false;
+    session->preview.request = 0;
+    ls_session_fail(session, request, err ? err : LS_ERR_GONE, LS_PROTO_ABOUT_RIG, &why);
 }
 
 /* ---- in ---- */

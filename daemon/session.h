@@ -7,6 +7,7 @@
 #define LS_DAEMON_SESSION_H
 
 #include "daemon/job.h"
+#include "daemon/preview.h"
 #include "daemon/service.h"
 #include "proto/errors.h"
 #include "proto/message.h"
@@ -56,6 +57,23 @@ bool ls_session_subscribe(struct ls_session *session, uint32_t request);
 
 /** The take's status has changed: tell the subscriber, or skip it if the client is behind. */
 void ls_session_take_event(struct ls_session *session);
+
+/** Send @request pictures of @camera from now on; @frames: the engine's live view is this client's,
+ * and ends with the request. False if the session looks already. */
+bool ls_session_watch(struct ls_session *session, uint32_t request, uint32_t camera, bool frames);
+
+bool ls_session_watches(const struct ls_session *session);
+bool ls_session_frames(const struct ls_session *session);
+
+/** Does it look at @camera, and is nothing waiting for its client? */
+bool ls_session_wants_picture(const struct ls_session *session, uint32_t camera);
+
+/** A picture of @camera (transfer none): sent if it is wanted, counted if the client is behind. */
+void ls_session_picture(struct ls_session *session, uint32_t camera,
+                        const struct ls_preview_picture *picture);
+
+/** The engine has ended the live view of this client: say why. */
+void ls_session_framing_ended(struct ls_session *session);
 
 /** Once a second: close what has stalled. May free the session. */
 void ls_session_tick(struct ls_session *session, int64_t now_us);

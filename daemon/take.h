@@ -20,6 +20,7 @@ struct ls_take_context {
     const char *calibration_json;             /* NULL = none */
     const struct ls_calibration *calibration; /* the same, parsed */
     struct ls_metrics *metrics;               /* of all takes */
+    struct ls_preview *preview;               /* offered their frames */
 };
 
 /**

@@ -51,6 +51,11 @@ static void wrong_command_lines_end_with_2_and_a_sentence(void)
         {"relight x y --output z --space xyz", "rec709-linear or camera-raw"},
         {"relight x y --output z --max-error -1", "0 or more"},
         {"metrics --output x", "goes with --prometheus"},
+        {"preview --light W", "goes with --exposure"},
+        {"preview --exposure 0", "1 to 1000000 us"},
+        {"preview --exposure 9 --level 101", "at most 100"},
+        {"preview --frames 0", "1 or more"},
+        {"preview --camera left", "the number of a camera"},
     };
     for (size_t i = 0; i < G_N_ELEMENTS(cases); i++)
         expect("/nonexistent/socket", cases[i].line, 2, cases[i].sentence);
@@ -61,7 +66,7 @@ static void every_command_explains_itself(void)
     static const char *const names[] = {"status",     "rig",       "preflight",   "take start",
                                         "take list",  "take show", "take verify", "take resume",
                                         "take abort", "fetch",     "relight",     "blank",
-                                        "take slate", "metrics"};
+                                        "take slate", "metrics",   "preview"};
     expect("x", "--help", 0, "Exit status");
     for (size_t i = 0; i < G_N_ELEMENTS(names); i++) {
         char *line = g_strdup_printf("%s --help", names[i]);

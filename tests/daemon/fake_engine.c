@@ -14,6 +14,8 @@ struct ls_engine {
     struct ls_take_status take;
     struct fake_engine_state state;
     struct ls_metrics metrics;
+    struct ls_preview *preview;
+    bool framing;
     GMutex lock; /* of the counters that are waited for */
     GCond asked;
 };
@@ -67,6 +69,7 @@ enum ls_err ls_engine_create(const struct ls_config *config, ls_take_callback *c
                              struct ls_engine **out, struct ls_diag *diag)
 {
     *out = calloc(1, sizeof **out);
+    (*out)->preview = ls_preview_create(config);
     if (!*out)
         return LS_ERR_NOMEM;
     **out = (struct ls_engine){.config = config, .callback = callback, .user = user};
@@ -81,6 +84,7 @@ void ls_engine_destroy(struct ls_engine *engine)
         return;
     g_mutex_clear(&engine->lock);
     g_cond_clear(&engine->asked);
+    ls_preview_destroy(engine->preview);
     free(engine);
 }
 
@@ -165,6 +169,30 @@ enum ls_err ls_engine_blank(struct ls_engine *engine, struct ls_diag *diag)
 {
     engine->state.blanked++;
     return LS_OK;
+}
+
+struct ls_preview *ls_engine_preview(struct ls_engine *engine)
+{
+    return engine->preview;
+}
+
+enum ls_err ls_engine_frame(struct ls_engine *engine, const struct ls_framing_wish *wish,
+                            struct ls_diag *diag)
+{
+    engine->framing = true;
+    engine->state.framed++;
+    return LS_OK;
+}
+
+enum ls_err ls_engine_frame_end(struct ls_engine *engine, struct ls_diag *diag)
+{
+    engine->framing = false;
+    return LS_OK;
+}
+
+bool ls_engine_framing(const struct ls_engine *engine)
+{
+    return engine->framing;
 }
 
 struct ls_metrics *fake_engine_metrics(struct ls_engine *engine)

@@ -10,7 +10,7 @@
 
 /** Counters and answers; written on ls-main only. */
 struct fake_engine_state {
-    unsigned started, resumed, aborted, blanked;
+    unsigned started, resumed, aborted, blanked, framed;
     enum ls_err answer; /* of the next start, resume or preflight; LS_OK = do it */
 };
 

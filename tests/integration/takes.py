@@ -21,8 +21,7 @@ LONG = """subject = "still";
 exposures_us = [500, 2500, 12500];
 darks = 8;
 keep_raw = true;
-reference = { every = 0; };
-conditions = ( { kind = "each"; channels = ["W", "R", "G", "B"]; order = "given"; } );
+conditions = ( { kind = "each"; channels = ["W", "R", "G", "B"]; } );
 """
 KEEP_RAW = harness.PLAN + "keep_raw = true;\n"
 

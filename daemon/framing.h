@@ -1,0 +1,49 @@
+/*
+ * framing: a camera free-running under steady light, to point, focus and expose it by.
+ * Layer: daemon. Threads: start and end on ls-main; works on a thread of its own, ls-framing.
+ * Ownership: configuration and preview are (transfer none) and outlive it.
+ *
+ * The camera is triggered by software at most ten times a second and offers its frames to the
+ * preview. The light is the controller's work light (drivers/lights.h): every light of one channel,
+ * by its PWM at more than 200 Hz (a slower one is refused), within its limits of duty, current and
+ * power. The exposure is rounded up to whole PWM periods, so that no bands appear. Whatever ends
+ * it, on return of ls_framing_end the light is out, or the configured work light if that was on
+ * before. Nothing tells the controller of a daemon that dies meanwhile: the light stays, within
+ * those limits.
+ */
+#ifndef LS_DAEMON_FRAMING_H
+#define LS_DAEMON_FRAMING_H
+
+#include "core/error.h"
+#include "daemon/config.h"
+#include "daemon/preview.h"
+
+#include <stdbool.h>
+#include <stdint.h>
+
+struct ls_framing_wish {
+    uint32_t camera;    /* row of the rig */
+    double exposure_us; /* [1, 1e6] */
+    int32_t channel;    /* of the light; -1: none of ours */
+    double level;       /* its duty, (0, 1] */
+};
+
+struct ls_framing;
+
+/** Begin; devices are opened on its thread, and what they say is told by ls_framing_end. Errors:
+ * LS_ERR_INVALID (the wish), LS_ERR_NOMEM, LS_ERR_OS. *out: (transfer full). */
+LS_MUST_CHECK enum ls_err ls_framing_start(const struct ls_config *config,
+                                           const struct ls_framing_wish *wish,
+                                           struct ls_preview *preview, struct ls_framing **out,
+                                           struct ls_diag *diag);
+
+/** Does it go on? Any thread. */
+bool ls_framing_runs(const struct ls_framing *framing);
+
+/** Light out (@dark: also one that was on before), camera closed, thread ended, freed. What it
+ * ended with before it was told to: those of ls_camera_open, apply and next, of ls_lights_open and
+ * work; LS_ERR_LIMIT (PWM too slow, or over a limit of the controller), LS_ERR_REFUSED (the light
+ * went out). NULL is allowed. */
+enum ls_err ls_framing_end(struct ls_framing *framing, bool dark, struct ls_diag *diag);
+
+#endif
