@@ -161,6 +161,7 @@ static void read_camera(struct ls_conf *list, const config_setting_t *group,
     out->full_scale_dn = ls_conf_need_number(&c, "full_scale_dn", 1, 65535);
     out->electrons_per_dn = ls_conf_number(&c, "electrons_per_dn", 1, 1e-6, 1e6);
     out->read_noise_dn = ls_conf_number(&c, "read_noise_dn", 1, 0, 65535);
+    out->measure_offset = !config_setting_get_member(group, "exposure_offset_us");
     out->exposure_offset_us = ls_conf_number(&c, "exposure_offset_us", 0, -1000, 1000);
     out->max_fps = ls_conf_need_number(&c, "max_fps", 0.01, 100000);
     out->black_check = ls_conf_bool(&c, "black_check", true);

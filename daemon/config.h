@@ -41,9 +41,11 @@ struct ls_config_camera {
     double full_scale_dn;        /* clip value of the raw format */
     double black_dn;             /* nominal; darks measure it */
     double electrons_per_dn, read_noise_dn;
-    double exposure_offset_us; /* added by the sensor to a TriggerWidth pulse */
-    double max_fps;            /* triggers closer than 1 / max_fps are missed */
-    bool black_check;          /* refuse a clipped black level */
+    double exposure_offset_us;       /* added by the sensor to a TriggerWidth pulse */
+    bool measure_offset;             /* the rig file does not say: 0 until it is measured */
+    double exposure_offset_sigma_us; /* of one that was measured, else 0 */
+    double max_fps;                  /* triggers closer than 1 / max_fps are missed */
+    bool black_check;                /* refuse a clipped black level */
 };
 
 struct ls_config_light {

@@ -1,6 +1,7 @@
 #include "daemon/take.h"
 
 #include "core/exr.h"
+#include "daemon/exposure_fit.h"
 #include "daemon/findings.h"
 #include "daemon/preflight.h"
 #include "daemon/rig.h"
@@ -17,7 +18,9 @@
 enum { DARK_LIMIT_BYTES = 1 << 30 };
 
 struct ls_take {
-    const struct ls_take_context *context;
+    const struct ls_take_context *context; /* `own` */
+    struct ls_take_context own;
+    struct ls_config config; /* the configuration, and offsets as measured; strings are its */
     struct ls_plan *plan;
     struct ls_rig rig;
     struct ls_store *store;
@@ -140,12 +143,17 @@ static enum ls_err prepare(const struct ls_take_context *context, const char *pl
     struct ls_take *take = calloc(1, sizeof *take);
     if (!take)
         return ls_fail(diag, LS_ERR_NOMEM, "out of memory");
-    take->context = context;
+    take->config = *context->config;
+    take->own = *context;
+    take->own.config = &take->config;
+    take->context = &take->own;
     enum ls_err err = ls_plan_parse(plan_text, context->config, &take->plan, diag);
     if (!err)
         err = ls_rig_open(context->config, &take->rig, diag);
     if (!err)
         ls_plan_fit_current(take->plan, ls_lights_info(take->rig.lights));
+    if (!err && dir)
+        err = ls_take_json_offsets(dir->take_json, &take->config, diag);
     if (!err && dir)
         err = continue_from(take, dir, plan_text, diag);
     if (!err)
@@ -167,6 +175,24 @@ enum ls_err ls_take_preflight(const struct ls_take_context *context, const char 
     if (!err)
         ls_take_destroy(take);
     return err;
+}
+
+/* After preflight, which fires nothing; then what depends on exposures is checked once more. */
+static enum ls_err measure_offsets(struct ls_take *take, struct ls_preflight *report,
+                                   uint64_t *need_bytes, struct ls_diag *diag)
+{
+    struct ls_exposure_offset offsets[LS_MAX_CAMERAS];
+    if (!ls_exposure_fit_needed(&take->config))
+        return LS_OK;
+    enum ls_err err = ls_exposure_fit_run(&take->rig, take->plan, offsets, diag);
+    for (uint32_t k = 0; k < take->config.n_cameras && !err; k++) {
+        struct ls_config_camera *camera = &take->config.cameras[k];
+        if (!ls_exposure_fit_wanted(&take->config, k))
+            continue;
+        camera->exposure_offset_us = offsets[k].us;
+        camera->exposure_offset_sigma_us = offsets[k].sigma_us;
+    }
+    return err ? err : preflight(take, report, need_bytes, diag);
 }
 
 static enum ls_err create_store(struct ls_take *take, const char *name, const char *take_json,
@@ -223,6 +249,11 @@ enum ls_err ls_take_create(const struct ls_take_context *context, const char *na
     enum ls_err err = prepare(context, plan_text, NULL, &take, &report, &need_bytes, diag);
     if (err)
         return err;
+    err = measure_offsets(take, &report, &need_bytes, diag);
+    if (err) {
+        ls_take_destroy(take);
+        return err;
+    }
     const struct ls_take_document doc = document(take, plan_text);
     LS_CLEANUP_FREE char *take_json = NULL;
     err = ls_take_json_make(&doc, &take_json, diag);

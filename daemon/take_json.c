@@ -114,6 +114,8 @@ static json_t *camera_json(const struct ls_config_camera *c, const struct ls_cam
         "exposure_offset_us", c->exposure_offset_us, "unverified", info->unverified, "gain",
         info->gain, "black_level", info->black_level, "exposure",
         c->driver.exposure == LS_EXPOSURE_WIDTH ? "width" : "timed");
+    if (c->exposure_offset_sigma_us > 0)
+        json_object_set_new(o, "exposure_offset_sigma_us", json_real(c->exposure_offset_sigma_us));
     return add_lens(c, o);
 }
 
@@ -202,6 +204,26 @@ enum ls_err ls_take_json_plan(const char *take_json, char **plan_text, struct ls
     if (!text)
         return ls_fail(diag, LS_ERR_INVALID, "take.json: key plan.text is missing");
     return *plan_text ? LS_OK : ls_fail(diag, LS_ERR_NOMEM, "out of memory");
+}
+
+enum ls_err ls_take_json_offsets(const char *take_json, struct ls_config *config,
+                                 struct ls_diag *diag)
+{
+    json_t *doc = load(take_json, diag);
+    if (!doc)
+        return LS_ERR_INVALID;
+    const json_t *cameras = json_object_get(json_object_get(doc, "rig"), "cameras");
+    for (uint32_t k = 0; k < config->n_cameras; k++) {
+        const json_t *camera = json_array_get(cameras, k);
+        if (!config->cameras[k].measure_offset)
+            continue;
+        config->cameras[k].exposure_offset_us =
+            json_number_value(json_object_get(camera, "exposure_offset_us"));
+        config->cameras[k].exposure_offset_sigma_us =
+            json_number_value(json_object_get(camera, "exposure_offset_sigma_us"));
+    }
+    json_decref(doc);
+    return LS_OK;
 }
 
 /* What must not change between the halves of a resumed take. */

@@ -17,7 +17,8 @@
  *       "position_m", "look_at_m", "focal_length_mm", "sensor_mm", "range", "black_dn",
  *       "full_scale_dn", "electrons_per_dn", "read_noise_dn", "exposure_offset_us",
  *       "unverified", "gain", "black_level" (as read back), "exposure" width|timed;
- *       "lens", "aperture", "iso_speed" where the rig file says them } ],
+ *       "lens", "aperture", "iso_speed" where the rig file says them;
+ *       "exposure_offset_sigma_us" of an offset that was measured } ],
  *     "controller" { "serial", "firmware", "pwm_levels", "pwm_period_us" } },
  *   "exposure_s" [] (as used, shortest first), "reference_exposure_s",
  *   "calibration" (core/calibration.h) or null; once a run has ended "darks" and "clocks"
@@ -51,6 +52,11 @@ LS_MUST_CHECK enum ls_err ls_take_json_make(const struct ls_take_document *docum
 /** The plan text inside a take.json. *plan_text: (transfer full), free(). LS_ERR_INVALID. */
 LS_MUST_CHECK enum ls_err ls_take_json_plan(const char *take_json, char **plan_text,
                                             struct ls_diag *diag);
+
+/** Exposure offsets of the cameras that were to be measured, as this take.json has them, into
+ * @config. LS_ERR_INVALID. */
+LS_MUST_CHECK enum ls_err ls_take_json_offsets(const char *take_json, struct ls_config *config,
+                                               struct ls_diag *diag);
 
 /** Is the rig in this take.json the one in @document (lights, channels, camera geometry and
  * formats)? LS_ERR_MISMATCH naming the first difference; LS_ERR_INVALID. */

@@ -1,0 +1,103 @@
+#!/usr/bin/python3 -B
+"""Exposures by pulse width on a sensor that adds what nobody wrote down: it is measured with the
+dome's light, stands in ticket and take, and is what the merge divides by."""
+import os
+import re
+
+import harness
+import takes
+from harness import stage
+
+import pictures
+
+OFFSET_US = 41.3  # not the simulator's own 13.7
+
+
+def unsaid(folder, **options):
+    """A rig whose file says nothing of the offset."""
+    options.setdefault("camera_extra", f"exposure_offset_us = {OFFSET_US};")
+    rig = harness.twelve(folder, **options)
+    rig.start_simulator()
+    rig.write_configuration()
+    text = stage.read(rig.path("rig.conf"))
+    changed, n = re.subn(r"exposure_offset_us = [^;]*;", "", text)
+    assert n == 1, text
+    stage.write(rig.path("rig.conf"), changed)
+    rig.write_configuration = lambda: None
+    rig.start_daemon()
+    return rig
+
+
+def plan(exposures, conditions='{ kind = "sphere"; channels = ["W"]; level = 65535; }', extra=""):
+    return (f'subject = "still"; exposures_us = {exposures}; darks = 32;\n'
+            f'conditions = ( {conditions} );\n{extra}\n')
+
+
+def camera_of(rig, take):
+    return takes.document(rig, take)["rig"]["cameras"][0]
+
+
+def radiance(rig, take, condition="sphere-W"):
+    """E per pixel, full scale per second."""
+    file, = (r["file"] for r in takes.published(rig, take) if r["condition"] == condition)
+    stored = pictures.read(os.path.join(takes.folder(rig, take), file))
+    return stored / takes.document(rig, take)["reference_exposure_s"]
+
+
+def test_the_offset_is_measured_and_every_width_gives_the_same_radiance(folder):
+    rig = unsaid(folder, size=256)
+    seen = {}
+    for exposures in ("[200]", "[1600]", "[400, 1600, 6400]"):
+        code, status, err = takes.photograph(rig, plan(exposures))
+        assert code == 0 and status["state"] == "complete", (status, err)
+        take, camera = status["id"], camera_of(rig, status["id"])
+        offset, sigma = camera["exposure_offset_us"], camera["exposure_offset_sigma_us"]
+        print(f"# {exposures}: offset {offset:.3f} +- {sigma:.3f} us")
+        assert 0 < sigma <= 0.5, sigma
+        # five sigma of it, and 0.02 us of the clocks' 35 ppm on pulses of up to 500 us
+        assert abs(offset - OFFSET_US) < 5 * sigma + 0.02, (offset, sigma)
+        for ticket in takes.records(rig, take, "ticket"):
+            assert abs(ticket["exposure_used_us"] - ticket["width_us"] - offset) < 1e-6, ticket
+        seen[exposures] = radiance(rig, take)
+    base = seen["[400, 1600, 6400]"]
+    for exposures, e in seen.items():
+        # in range in every one of them: at 1600 us below, at 200 us above a tenth of full scale
+        fair = (base * 1641e-6 < 0.8) & (base * 241e-6 > 0.02)
+        assert fair.sum() > 2000, fair.sum()
+        ratio = e[fair].sum() / base[fair].sum()
+        print(f"# {exposures}: {ratio:.5f} over {fair.sum()} pixels")
+        # without the offset 200 us would read 1.2; an error of 0.2 us makes 0.1 %, the shot noise of
+        # 2000 pixels of 500 electrons the same, and three times both together 0.4 %
+        assert abs(ratio - 1) < 0.004, (exposures, ratio)
+
+
+def test_a_resumed_take_keeps_the_offset_it_began_with(folder):
+    rig = unsaid(folder)
+    take = takes.begin(rig, takes.LONG)
+    harness.wait_for("some of it is stored", lambda: len(takes.published(rig, take)) > 6)
+    assert takes.ask(rig, "take", "abort")[0] == 0
+    assert takes.ended(rig)[1]["state"] == "aborted"
+    before = camera_of(rig, take)
+    code, status, err = takes.resume(rig, take)
+    assert code == 0 and status["state"] == "complete", (status, err)
+    assert camera_of(rig, take) == before
+    added = {round(t["exposure_used_us"] - t["width_us"], 6)
+             for t in takes.records(rig, take, "ticket")}
+    assert added == {round(before["exposure_offset_us"], 6)}, added
+    takes.is_good(rig, take, pixels=False)
+
+
+def test_where_it_cannot_be_measured_the_take_is_refused_with_a_sentence(folder):
+    # a live subject would see it; a camera that sees nothing cannot tell
+    rig = unsaid(folder, camera_extra="white_exposure_us = 1e7;")
+    for text, words in (
+            (plan("[500]").replace("still", "live"), ("would flash at a live subject", "take.json")),
+            (plan("[500, 2500]"), ("cannot be measured", "something brighter"))):
+        code, _, err = takes.ask(rig, "take", "start", "--plan", takes.plan_file(rig, text))
+        assert code == 6, (code, err)
+        takes.says(err, "exposure_offset_us", *words)
+    assert os.listdir(rig.path("takes")) == []
+
+
+if __name__ == "__main__":
+    harness.main(globals())
