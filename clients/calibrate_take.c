@@ -83,8 +83,8 @@ static enum ls_err read_picture(struct ls_calibrate_take *take, const json_t *it
     const json_t *light = json_object_get(item, "light");
     double level = json_number_value(json_object_get(item, "level"));
     int index = ls_calibrate_channel(take, channel);
-    if (!channel)
-        return LS_OK; /* a dark */
+    if (!channel || json_is_true(json_object_get(item, "reference")))
+        return LS_OK; /* a dark; or a sphere that only watches for drift */
     struct ls_lit_picture *out = &take->pictures[take->n_pictures];
     if (!id || strlen(id) >= sizeof out->id || index < 0 || !(level >= 1) || level > FULL_LEVEL)
         return wrong(diag, "plan.conditions");

@@ -1,18 +1,17 @@
 #include "clients/command.h"
+#include "clients/plan_text.h"
 
 #include <inttypes.h>
 #include <stdio.h>
 #include <stdlib.h>
 
-enum { PLAN_BYTES = 1024 * 1024 };
-
 static void print_json(const Lightstage__PreflightReply *p)
 {
-    ls_command_print_json(json_pack(
-        "{sI sI sI sf sI sI sf ss}", "conditions", (json_int_t)p->conditions, "steps",
-        (json_int_t)p->steps, "shots", (json_int_t)p->shots, "seconds", p->seconds, "bytes",
-        (json_int_t)p->bytes, "disk_free_bytes", (json_int_t)p->disk_free_bytes,
-        "dark_noise_share", p->dark_noise_share, "warnings", p->warnings));
+    ls_command_print_json(
+        json_pack("{sI sI sI sf sI sI sf ss}", "conditions", (json_int_t)p->conditions, "steps",
+                  (json_int_t)p->steps, "shots", (json_int_t)p->shots, "seconds", p->seconds,
+                  "bytes", (json_int_t)p->bytes, "disk_free_bytes", (json_int_t)p->disk_free_bytes,
+                  "dark_noise_share", p->dark_noise_share, "warnings", p->warnings));
 }
 
 static void print_text(const Lightstage__PreflightReply *p)
@@ -27,23 +26,25 @@ static void print_text(const Lightstage__PreflightReply *p)
 
 static int run(struct ls_command_context *context, int argc, char **argv)
 {
-    enum { PLAN = 1 };
+    enum { PLAN = 1, CUSTOM };
     static const struct option options[] = {{"plan", required_argument, NULL, PLAN},
+                                            {"custom", required_argument, NULL, CUSTOM},
                                             LS_COMMON_OPTIONS};
     Lightstage__Preflight body = LIGHTSTAGE__PREFLIGHT__INIT;
     struct ls_reply reply;
-    const char *path = NULL;
+    const char *path = NULL, *custom = NULL;
     char *text = NULL;
     size_t n = 0;
     int option;
     while ((option = ls_command_option(context, &ls_command_preflight, argc, argv, options)) ==
-           PLAN)
-        path = optarg;
+               PLAN ||
+           option == CUSTOM)
+        *(option == PLAN ? &path : &custom) = optarg;
     if (option != -1 || !ls_command_arguments(&ls_command_preflight, argc, 0))
         return LS_EXIT_USAGE;
     if (!path)
         return ls_command_wrong("preflight: --plan FILE is needed");
-    enum ls_err err = ls_command_read_file(path, PLAN_BYTES, &text, &n, &context->diag);
+    enum ls_err err = ls_plan_text_read(path, custom, &text, &n, &context->diag);
     if (err)
         return ls_command_failed(context, err);
     int code = ls_command_call(context, LS_MESSAGE_PREFLIGHT, &body.base, text, n, &reply);
@@ -59,5 +60,5 @@ static int run(struct ls_command_context *context, int argc, char **argv)
 }
 
 const struct ls_command ls_command_preflight = {
-    "preflight", "What a plan would cost, and whether the rig allows it", "--plan FILE [--json]",
-    run};
+    "preflight", "What a plan would cost, and whether the rig allows it",
+    "--plan FILE [--custom FILE] [--json]", run};

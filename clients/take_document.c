@@ -105,7 +105,8 @@ static void read_conditions(struct ls_take_document *d, const json_t *doc)
             if (strcmp(d->channels[c].name, channel) != 0)
                 continue;
             d->channels[c].each |= strcmp(kind, "one") == 0 || is_multiplexed(kind, pattern);
-            d->channels[c].sphere |= strcmp(kind, "sphere") == 0;
+            d->channels[c].sphere |=
+                strcmp(kind, "sphere") == 0 && !json_is_true(json_object_get(item, "reference"));
             d->channels[c].headlight |= is_headlight(kind, pattern);
             d->channels[c].segments |= is_segment(kind, pattern);
         }

@@ -69,8 +69,9 @@ static void draw(const Lightstage__TakeStatus *status, bool aborting)
         return;
     }
     left_text(p, left, sizeof left);
-    snprintf(numbers, sizeof numbers, "%u/%u  %.1f/s  lost %u  %s", p->steps_bound,
-             p->steps_planned, p->frames_per_second, p->shots_lost, left);
+    snprintf(numbers, sizeof numbers, "%u/%u  %.1f/s  lost %u%s  %s", p->steps_bound,
+             p->steps_planned, p->frames_per_second, p->shots_lost,
+             status->drift && status->drift->alarm ? "  DRIFT" : "", left);
     width = width < sizeof bar ? width : (unsigned)sizeof bar - 1;
     double share = (double)p->steps_bound / p->steps_planned;
     unsigned full = share < 1 ? (unsigned)(share * width) : width;

@@ -56,6 +56,11 @@ json_t *ls_take_status_json(const Lightstage__TakeStatus *status)
         add_progress(out, status->progress);
     if (out && status->report && status->state != LIGHTSTAGE__TAKE_STATE__NONE)
         add_report(out, status->report);
+    if (out && status->drift)
+        json_object_set_new(out, "drift",
+                            json_pack("{sf sf sb ss}", "change", status->drift->change, "error",
+                                      status->drift->error, "alarm", status->drift->alarm, "text",
+                                      status->drift->text));
     return out;
 }
 
@@ -69,6 +74,8 @@ void ls_take_status_print(const Lightstage__TakeStatus *status)
     if (p)
         printf("             %u of %u conditions stored, %u shots lost, %u shot again\n",
                p->conditions_stored, p->conditions_planned, p->shots_lost, p->shots_repaired);
+    if (status->drift)
+        printf("             %s\n", ls_clean(status->drift->text));
     if (status->report && status->report->repaired[0])
         printf("             repaired: %s\n", ls_clean(status->report->repaired));
     if (status->message[0] && strcmp(status->message, ls_take_state_word(status->state)) != 0)

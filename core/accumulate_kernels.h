@@ -13,7 +13,6 @@
 
 enum {
     LS_ACCUMULATE_GROUP = 32,  /* pictures per partial sum, at most */
-    LS_ACCUMULATE_BLOCK = 6,   /* sums that are made of halves read once, side by side */
     LS_ACCUMULATE_PANEL = 128, /* pixels taken at a time */
 };
 

@@ -8,16 +8,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-/* A few sums take as long as memory is read: the same place of 32 pictures is in the same sets of
- * the first cache, which are eight lines each, and half as many are a fifth faster. More sums take
- * their time over a panel in that cache, and gain by longer groups. */
-enum {
-    FEW = LS_ACCUMULATE_BLOCK,
-    GROUP_OF_FEW = 16,
-    GROUP = LS_ACCUMULATE_GROUP,
-    PANEL = LS_ACCUMULATE_PANEL,
-    ACC_BYTES = 96 * 1024
-};
+enum { GROUP = LS_ACCUMULATE_GROUP, PANEL = LS_ACCUMULATE_PANEL, ACC_BYTES = 96 * 1024 };
 
 /** One call of ls_accumulate. */
 struct pass {
@@ -73,13 +64,12 @@ static const void *at_pixel(const struct pass *pass, size_t picture, size_t pixe
 static void run_chunk(const struct pass *pass, uint32_t n, uint32_t first, uint32_t count)
 {
     const void *halfs[GROUP], *next[GROUP];
-    uint32_t group = pass->job->n_sums <= FEW ? GROUP_OF_FEW : GROUP;
     memset(pass->acc, 0, sizeof *pass->acc * pass->job->n_sums * pass->chunk);
-    for (uint32_t i = 0; i < n; i += group) {
-        uint32_t some = n - i < group ? n - i : group;
+    for (uint32_t i = 0; i < n; i += GROUP) {
+        uint32_t some = n - i < GROUP ? n - i : GROUP;
         for (uint32_t k = 0; k < some; k++) {
             halfs[k] = at_pixel(pass, i + k, first);
-            next[k] = i + group + k < n ? at_pixel(pass, i + group + k, first)
+            next[k] = i + GROUP + k < n ? at_pixel(pass, i + GROUP + k, first)
                                         : at_pixel(pass, k, first + count);
         }
         pass->report->not_finite += pass->kernels->add(halfs, next, pass->w + i, some, count,

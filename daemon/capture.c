@@ -200,6 +200,8 @@ void ls_capture_progress(const struct ls_capture *capture, struct ls_capture_pro
                                         .cooling = atomic_load(&capture->sequencer.cooling),
                                         .frames_per_second =
                                             measure_rate(capture->rate, counts.shots)};
+    if (capture->setup.checks)
+        ls_checks_drift(capture->setup.checks, &out->drift);
 }
 
 void ls_capture_destroy(struct ls_capture *capture)

@@ -8,6 +8,7 @@
 #define LS_DAEMON_CAPTURE_H
 
 #include "core/error.h"
+#include "daemon/checks.h"
 #include "daemon/config.h"
 #include "daemon/plan.h"
 #include "drivers/camera.h"
@@ -29,6 +30,7 @@ struct ls_capture_setup {
     struct ls_store *store;
     struct ls_metrics *metrics;    /* counted into, beside what is in it already */
     struct ls_preview *preview;    /* offered the frames of lights; or NULL */
+    struct ls_checks *checks;      /* told of every merged picture; or NULL */
     double reference_exposure_s;   /* stored value = E x this */
     const uint8_t *condition_done; /* per condition: 1 = published already (resume), or NULL */
     const float *const *darks;     /* [camera * n_exposures + exposure]: the published mean darks
@@ -39,10 +41,11 @@ struct ls_capture_setup {
 struct ls_capture_progress {
     uint32_t steps_planned, steps_bound; /* steps with a frame of every camera */
     uint32_t conditions_planned, conditions_stored;
-    uint32_t shots_lost;      /* fired without a usable frame, so far; repaired ones included */
-    uint32_t shots_repaired;  /* of those, shot again and stored */
-    double frames_per_second; /* over the last second, all cameras */
-    bool cooling;             /* paused: the dome is hot */
+    uint32_t shots_lost;        /* fired without a usable frame, so far; repaired ones included */
+    uint32_t shots_repaired;    /* of those, shot again and stored */
+    double frames_per_second;   /* over the last second, all cameras */
+    bool cooling;               /* paused: the dome is hot */
+    struct ls_drift_seen drift; /* the largest that references have shown */
 };
 
 struct ls_capture_report {

@@ -349,6 +349,22 @@ static enum ls_err copy_in(struct ls_merge_stage *stage, const struct ls_merge_j
     return last ? start_merge(stage, a, diag) : LS_OK;
 }
 
+/* What the picture says about the rig. */
+static enum ls_err check(struct ls_merge_stage *stage, const struct ls_accumulator *a,
+                         struct ls_diag *diag)
+{
+    const struct ls_capture_setup *setup = stage->config.setup;
+    const struct ls_merge_camera *camera = &stage->cameras[a->camera];
+    const struct ls_picture_view view = {a->half, a->validity, camera->width, camera->height,
+                                         camera->format->cfa};
+    struct ls_diag alarm = {{0}};
+    if (!setup->checks)
+        return LS_OK;
+    enum ls_err err =
+        ls_checks_picture(setup->checks, a->camera, a->condition, &view, &alarm, diag);
+    return !err && alarm.text[0] ? ls_store_alarm(setup->store, alarm.text, diag) : err;
+}
+
 static enum ls_err publish_merged(struct ls_merge_stage *stage, struct ls_accumulator *a,
                                   struct ls_diag *diag)
 {
@@ -359,6 +375,8 @@ static enum ls_err publish_merged(struct ls_merge_stage *stage, struct ls_accumu
     const struct ls_picture_times times =
         count_merged(stage, a->camera, a->pulse_ns, a->arrived_ns);
     enum ls_err err = publish(stage, a->camera, a->condition, longest, &mosaic, &times, diag);
+    if (!err)
+        err = check(stage, a, diag);
     if (err)
         return err;
     count_published(stage, a->camera, a->condition);

@@ -1,5 +1,6 @@
 #include "daemon/plan.h"
 
+#include "daemon/plan_between.h"
 #include "daemon/plan_conditions.h"
 
 #include <stdio.h>
@@ -10,7 +11,6 @@ enum {
     MAX_STEPS = 1 << 20,
     SETTLE_US = 100,
     TRIGGER_MARGIN_US = 500, /* pulse end to next pulse: sensor transfer and line latency */
-    WATCH_FRAMES = 4,
 };
 
 static const char *const subject_words[] = {"still", "live", NULL};
@@ -48,37 +48,6 @@ static void add_darks(struct ls_conf *c, struct ls_plan_builder *b)
         cond->exposure = (uint8_t)e;
         cond->repeats = (uint16_t)k;
         snprintf(cond->id, sizeof cond->id, "dark-%u", e);
-    }
-}
-
-static void make_watch(struct ls_plan_condition *cond, uint32_t index, uint32_t exposure)
-{
-    *cond = (struct ls_plan_condition){.lights = {.kind = LS_CONDITION_DARK},
-                                       .dark = true,
-                                       .watch = true,
-                                       .exposure = (uint8_t)exposure,
-                                       .repeats = WATCH_FRAMES,
-                                       .light = -1,
-                                       .channel = -1};
-    snprintf(cond->id, sizeof cond->id, "watch-%u", index);
-}
-
-/* From the last condition to the first, each moved to behind the watches that will precede it. */
-static void add_watches(struct ls_conf *c, struct ls_plan *plan)
-{
-    uint32_t lit = plan->n_conditions - plan->n_exposures, n = lit / LS_WATCH_EVERY;
-    if (plan->n_conditions + n > LS_PLAN_MAX_CONDITIONS) {
-        ls_conf_error(c, "conditions", "with its watches the plan has more than %d conditions",
-                      LS_PLAN_MAX_CONDITIONS);
-        return;
-    }
-    plan->n_conditions += n;
-    struct ls_plan_condition *first = plan->conditions + plan->n_exposures;
-    for (uint32_t i = lit; i > 0; i--) {
-        if (i % LS_WATCH_EVERY == 0)
-            make_watch(&first[i + i / LS_WATCH_EVERY - 1], i / LS_WATCH_EVERY - 1,
-                       plan->n_exposures - 1);
-        first[i - 1 + (i - 1) / LS_WATCH_EVERY] = first[i - 1];
     }
 }
 
@@ -137,7 +106,7 @@ static void read_plan(struct ls_conf *c, struct ls_plan_builder *b)
     add_darks(c, b);
     ls_plan_read_conditions(c, b);
     if (!c->err)
-        add_watches(c, plan);
+        ls_plan_add_between(c, b);
     plan->settle_us = (uint32_t)ls_conf_int(c, "settle_us", SETTLE_US, 0, 1000000);
     uint32_t least = default_period_us(plan, b->config);
     plan->period_us = (uint32_t)ls_conf_int(c, "period_us", least, least, 60000000);

@@ -7,7 +7,15 @@
  * *shot* is one camera's picture of a step: shot id = step * n_cameras + camera. Darks come first,
  * because merging is online; then conditions in order, each with its whole bracket. After every
  * LS_WATCH_EVERY of these stands a *watch*: a few darks of the longest exposure, stored and
- * compared with the dark of the beginning, which they do not replace.
+ * compared with the dark of the beginning, which they do not replace. Of more than
+ * LS_REFERENCE_SHOTS steps of them there are *references* too: a full sphere of white before the
+ * first, after every LS_REFERENCE_SHOTS steps, and at the end, stored and compared with the first,
+ * so that a drift of the light shows (daemon/checks.h); no condition is corrected by them.
+ *
+ * Single lights of an entry are shown in an order in which neighbours follow each other
+ * (core/smooth_order.h), each channel back the way that the one before it came, so that a live
+ * subject sees light wander and not jump. The order follows from the plan's text and the rig, and
+ * take.json holds it.
  */
 #ifndef LS_DAEMON_PLAN_H
 #define LS_DAEMON_PLAN_H
@@ -20,7 +28,7 @@
 #include <stdbool.h>
 #include <stdint.h>
 
-enum { LS_MAX_EXPOSURES = 8, LS_WATCH_EVERY = 50 };
+enum { LS_MAX_EXPOSURES = 8, LS_WATCH_EVERY = 50, LS_REFERENCE_SHOTS = 100 };
 
 enum ls_subject { LS_SUBJECT_STILL, LS_SUBJECT_LIVE };
 
@@ -38,6 +46,7 @@ enum ls_subject { LS_SUBJECT_STILL, LS_SUBJECT_LIVE };
  *                    pairs "harmonic-07p", "harmonic-07n": max(f, 0), max(-f, 0); f = Y / peak over
  *                    the lights (core/bases.h)
  *   "gradient-x"     (1 + omega.x) / 2; y, z; "gradient-full": all lights at that level
+ *   "custom"         item `part` of the plan's own list (daemon/plan_custom.h)
  * Lights whose level rounds to 0 are left out.
  */
 struct ls_plan_condition {
@@ -49,10 +58,11 @@ struct ls_plan_condition {
     bool fits_current;          /* the plan left it to the controller: ls_plan_fit_current */
     bool dark;                  /* a dark of exposure `exposure`, mean of `repeats` frames */
     bool watch;                 /* a dark that only watches for drift: nothing is merged with it */
-    uint8_t exposure;           /* dark only */
-    uint16_t repeats;           /* frames per exposure: 1, or K for darks */
-    int32_t light;              /* of ONE, else -1 */
-    int32_t channel;            /* of all LEDs; -1 of darks */
+    bool reference;   /* a sphere that only watches for drift: nothing is promoted by it */
+    uint8_t exposure; /* dark only */
+    uint16_t repeats; /* frames per exposure: 1, or K for darks */
+    int32_t light;    /* of ONE, else -1 */
+    int32_t channel;  /* of all LEDs; -1 of darks */
     uint32_t first_step, n_steps;
 };
 

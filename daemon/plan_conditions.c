@@ -1,6 +1,8 @@
 #include "daemon/plan_conditions.h"
 
 #include "core/segments.h"
+#include "core/smooth_order.h"
+#include "daemon/plan_custom.h"
 #include "daemon/plan_patterns.h"
 
 #include <math.h>
@@ -10,9 +12,8 @@
 
 enum {
     FULL = LS_PLAN_FULL_LEVEL,
-    SPHERE_LEVEL = FULL / 90, /* a full sphere is about 90 times one front light */
-    BASIS_LEVEL = FULL / 9,   /* finer steps than a sphere's: its weights are what is decoded */
-    LEAST_BASIS_LEVEL = 500,  /* half a step is a thousandth */
+    BASIS_LEVEL = FULL / 9,  /* finer steps than a sphere's: its weights are what is decoded */
+    LEAST_BASIS_LEVEL = 500, /* half a step is a thousandth */
     MAX_DEGREE = 9,
 };
 
@@ -119,7 +120,8 @@ static const char *name_of(const struct ls_plan_entry *e)
 
 static void add_each(struct ls_conf *c, const struct ls_plan_entry *e)
 {
-    for (uint32_t i = 0; i < e->n_lights && !c->err; i++) {
+    for (uint32_t k = 0; k < e->n_lights && !c->err; k++) {
+        uint32_t i = e->backwards ? e->n_lights - 1 - k : k;
         struct ls_led *led;
         struct ls_plan_condition *cond = add_lit(c, e, LS_CONDITION_ONE, 1, &led);
         if (!cond)
@@ -131,14 +133,15 @@ static void add_each(struct ls_conf *c, const struct ls_plan_entry *e)
     }
 }
 
-static void add_sphere(struct ls_conf *c, const struct ls_plan_entry *e)
+struct ls_plan_condition *ls_plan_add_sphere(struct ls_conf *c, const struct ls_plan_entry *e)
 {
     struct ls_led *led;
     struct ls_plan_condition *cond = add_lit(c, e, LS_CONDITION_SPHERE, 1, &led);
     if (!cond)
-        return;
+        return NULL;
     snprintf(cond->id, sizeof cond->id, "sphere-%s", name_of(e));
     snprintf(cond->pattern, sizeof cond->pattern, "sphere");
+    return cond;
 }
 
 static void add_named(struct ls_conf *c, const struct ls_plan_entry *e)
@@ -160,7 +163,7 @@ static void add(struct ls_conf *c, const struct ls_plan_entry *e, const struct o
         add_each(c, e);
         break;
     case KIND_SPHERE:
-        add_sphere(c, e);
+        ls_plan_add_sphere(c, e);
         break;
     case KIND_SEGMENT:
         add_named(c, e);
@@ -237,10 +240,10 @@ static uint32_t read_lights(struct ls_conf *c, const struct ls_config *config, e
     return (uint32_t)n;
 }
 
-static uint32_t read_channels(struct ls_conf *c, const struct ls_config *config,
-                              uint16_t channels[LS_MAX_CHANNELS])
+uint32_t ls_plan_read_channels(struct ls_conf *c, const struct ls_config *config,
+                               uint16_t channels[LS_MAX_CHANNELS], bool needed)
 {
-    const config_setting_t *list = ls_conf_child(c, "channels", CONFIG_TYPE_ARRAY, true);
+    const config_setting_t *list = ls_conf_child(c, "channels", CONFIG_TYPE_ARRAY, needed);
     int n = list ? config_setting_length(list) : 0;
     if (list && (n < 1 || n > LS_MAX_CHANNELS))
         ls_conf_error(c, "channels", "%d channels: expected 1 to %d", n, LS_MAX_CHANNELS);
@@ -255,13 +258,40 @@ static uint32_t read_channels(struct ls_conf *c, const struct ls_config *config,
     return c->err ? 0 : (uint32_t)n;
 }
 
+/* order = "smooth" of the lights one by one; those that the plan names stay as it names them,
+ * unless it says so. Returns if they are smooth. */
+static bool put_in_order(struct ls_conf *c, const struct ls_config *config, uint16_t *lights,
+                         uint32_t n)
+{
+    static const char *const words[] = {"smooth", "given", NULL};
+    bool named = config_setting_get_member(c->group, "lights") != NULL;
+    if (ls_conf_word(c, "order", words, named) != 0 || c->err)
+        return false;
+    LS_CLEANUP_FREE float(*directions)[3] = calloc(n, sizeof *directions);
+    LS_CLEANUP_FREE uint32_t *order = calloc(n, sizeof *order);
+    LS_CLEANUP_FREE uint16_t *given = calloc(n, sizeof *given);
+    struct ls_diag diag = {{0}};
+    if (!directions || !order || !given) {
+        c->err = LS_ERR_NOMEM;
+        return false;
+    }
+    memcpy(given, lights, n * sizeof *given);
+    for (uint32_t i = 0; i < n; i++)
+        memcpy(directions[i], config->lights[given[i]].position_m, sizeof directions[i]);
+    if (ls_smooth_order((const float(*)[3])directions, n, order, &diag))
+        ls_conf_error(c, "order", "%s", diag.text);
+    for (uint32_t i = 0; i < n && !c->err; i++)
+        lights[i] = given[order[i]];
+    return true;
+}
+
 /* The brightest level that shows a white sample about as bright as one front light does; the bases
  * are brighter: multiplexing, which pays near full duty only, as bright as the controller can. */
 static int64_t usual_level(const struct options *o, uint32_t n_lights)
 {
     switch (o->kind) {
     case KIND_SPHERE:
-        return SPHERE_LEVEL;
+        return LS_PLAN_SPHERE_LEVEL;
     case KIND_SEGMENTS: /* its lights stand together: all may face the same way */
         return o->count ? FULL / ((n_lights + o->count - 1) / o->count) : FULL;
     case KIND_HEADLIGHT:
@@ -297,7 +327,7 @@ static void read_condition(struct ls_conf *list, const config_setting_t *group,
     ls_conf_begin(&c, group, list->file, list->diag);
     struct options options = read_options(&c, b->config->n_lights);
     uint16_t channels[LS_MAX_CHANNELS];
-    uint32_t n_channels = read_channels(&c, b->config, channels);
+    uint32_t n_channels = ls_plan_read_channels(&c, b->config, channels, true);
     struct ls_plan_entry entry = {.builder = b, .lights = lights};
     entry.n_lights = read_lights(&c, b->config, options.kind, lights);
     entry.fits_current =
@@ -315,8 +345,11 @@ static void read_condition(struct ls_conf *list, const config_setting_t *group,
                       "%u: the weights of a basis are rounded to whole levels: expected at least "
                       "%d, a part in a thousand",
                       entry.level, LEAST_BASIS_LEVEL);
+    bool smooth =
+        options.kind == KIND_EACH && !c.err && put_in_order(&c, b->config, lights, entry.n_lights);
     for (uint32_t k = 0; k < n_channels && !c.err; k++) {
         entry.channel = channels[k];
+        entry.backwards = smooth && k % 2;
         add(&c, &entry, &options);
     }
     b->named += options.kind == KIND_SEGMENT;
@@ -347,7 +380,8 @@ static void refuse_repeats(struct ls_conf *c, const struct ls_plan *plan)
 
 void ls_plan_read_conditions(struct ls_conf *c, struct ls_plan_builder *b)
 {
-    const config_setting_t *list = ls_conf_child(c, "conditions", CONFIG_TYPE_LIST, true);
+    bool custom = config_setting_get_member(c->group, "custom") != NULL;
+    const config_setting_t *list = ls_conf_child(c, "conditions", CONFIG_TYPE_LIST, !custom);
     LS_CLEANUP_FREE uint16_t *lights = calloc(b->config->n_lights, sizeof *lights);
     if (!lights)
         c->err = LS_ERR_NOMEM;
@@ -356,6 +390,7 @@ void ls_plan_read_conditions(struct ls_conf *c, struct ls_plan_builder *b)
         ls_conf_error(c, "conditions", "empty: nothing to photograph");
     for (int i = 0; i < n && !c->err; i++)
         read_condition(c, config_setting_get_elem(list, (unsigned)i), b, lights);
+    ls_plan_read_custom(c, b);
     if (!c->err)
         refuse_repeats(c, b->plan);
 }

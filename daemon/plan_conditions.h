@@ -14,6 +14,7 @@ enum {
     LS_PLAN_MAX_CONDITIONS = 65536,
     LS_PLAN_MAX_LEDS = 1 << 20,
     LS_PLAN_FULL_LEVEL = 65535,
+    LS_PLAN_SPHERE_LEVEL = LS_PLAN_FULL_LEVEL / 90, /* about as bright as one front light */
 };
 
 /** A plan while it grows; its arrays have room for the maxima above. */
@@ -32,6 +33,7 @@ struct ls_plan_entry {
     bool fits_current;
     const uint16_t *lights; /* rig rows */
     uint32_t n_lights;
+    bool backwards; /* each: from the last of `lights` to the first */
 };
 
 /** A new condition without lights, or NULL where the plan is full. */
@@ -45,6 +47,14 @@ struct ls_plan_condition *ls_plan_add_condition(struct ls_conf *conf,
  */
 struct ls_plan_condition *
 ls_plan_add_pattern(struct ls_conf *conf, const struct ls_plan_entry *entry, const double *weights);
+
+/** The full sphere of the entry's channel and level. NULL where the plan is full. */
+struct ls_plan_condition *ls_plan_add_sphere(struct ls_conf *conf,
+                                             const struct ls_plan_entry *entry);
+
+/** Read `channels`, names of the rig's. Returns how many, 0 if absent and not @needed. */
+uint32_t ls_plan_read_channels(struct ls_conf *conf, const struct ls_config *config,
+                               uint16_t channels[LS_MAX_CHANNELS], bool needed);
 
 /** Read the plan's `conditions`. */
 void ls_plan_read_conditions(struct ls_conf *conf, struct ls_plan_builder *builder);

@@ -226,7 +226,7 @@ static bool is_repeated(const struct ls_plan *plan, uint32_t i)
 {
     const struct ls_plan_condition *c = &plan->conditions[i];
     const struct ls_plan_condition *before = i ? c - 1 : c;
-    if (before->watch && i > 1)
+    while ((before->watch || before->reference) && before > plan->conditions)
         before--;
     return before != c && before->channel == c->channel && before->level == c->level &&
            !strcmp(before->pattern, c->pattern);

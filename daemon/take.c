@@ -1,6 +1,8 @@
 #include "daemon/take.h"
 
 #include "core/exr.h"
+#include "core/half.h"
+#include "core/pixel.h"
 #include "daemon/exposure_fit.h"
 #include "daemon/findings.h"
 #include "daemon/preflight.h"
@@ -24,6 +26,7 @@ struct ls_take {
     struct ls_plan *plan;
     struct ls_rig rig;
     struct ls_store *store;
+    struct ls_checks *checks;
     struct ls_capture *capture;
     uint8_t *done; /* per condition, of a resumed take */
     float **darks; /* [camera * n_exposures + exposure], of a resumed take */
@@ -102,6 +105,37 @@ static enum ls_err load_dark(struct ls_take *take, const struct ls_takedir *dir,
     return LS_OK;
 }
 
+/* A reference of an earlier run: what comes is compared with it. */
+static enum ls_err load_reference(struct ls_take *take, const struct ls_takedir *dir,
+                                  const struct ls_published *published, uint32_t camera,
+                                  uint32_t condition, struct ls_diag *diag)
+{
+    LS_CLEANUP_FREE uint8_t *bytes = NULL;
+    size_t n_bytes = 0, n_px = (size_t)published->width * published->height;
+    struct ls_exr_plane mosaic = {0}, validity = {0};
+    const struct ls_pixel_format *format =
+        ls_pixel_by_name(take->rig.camera_infos[camera]->pixel_format);
+    enum ls_err err = ls_takedir_read(dir, published, &bytes, &n_bytes, diag);
+    if (!err)
+        err = ls_published_check(published, bytes, n_bytes, diag);
+    if (!err)
+        err = ls_exr_read_plane(bytes, n_bytes, NULL, DARK_LIMIT_BYTES, &mosaic, diag);
+    if (!err && published->tile_invalid)
+        err = ls_exr_read_plane(bytes, n_bytes, "validity", DARK_LIMIT_BYTES, &validity, diag);
+    LS_CLEANUP_FREE uint8_t *states = validity.samples ? malloc(n_px) : NULL;
+    for (size_t i = 0; states && i < n_px; i++)
+        states[i] = (uint8_t)ls_half_to_float(((const uint16_t *)validity.samples)[i]);
+    const struct ls_picture_view view = {mosaic.samples, states, published->width,
+                                         published->height, format ? format->cfa : LS_CFA_NONE};
+    if (!err && validity.samples && !states)
+        err = ls_fail(diag, LS_ERR_NOMEM, "out of memory");
+    if (!err)
+        err = ls_checks_adopt(take->checks, camera, condition, &view, diag);
+    free(mosaic.samples);
+    free(validity.samples);
+    return err;
+}
+
 /* A condition is done when every camera's picture of it is published. */
 static enum ls_err find_done(struct ls_take *take, const struct ls_takedir *dir,
                              struct ls_diag *diag)
@@ -117,9 +151,11 @@ static enum ls_err find_done(struct ls_take *take, const struct ls_takedir *dir,
         for (uint32_t k = 0; k < n_cameras; k++) {
             const struct ls_published *p = ls_takedir_find(dir, plan->conditions[i].id, k);
             take->done[i] &= p != NULL;
-            enum ls_err err = p && plan->conditions[i].dark && !plan->conditions[i].watch
-                                  ? load_dark(take, dir, p, k, plan->conditions[i].exposure, diag)
-                                  : LS_OK;
+            enum ls_err err = LS_OK;
+            if (p && plan->conditions[i].dark && !plan->conditions[i].watch)
+                err = load_dark(take, dir, p, k, plan->conditions[i].exposure, diag);
+            else if (p && plan->conditions[i].reference)
+                err = load_reference(take, dir, p, k, i, diag);
             if (err)
                 return err;
         }
@@ -152,6 +188,9 @@ static enum ls_err prepare(const struct ls_take_context *context, const char *pl
         err = ls_rig_open(context->config, &take->rig, diag);
     if (!err)
         ls_plan_fit_current(take->plan, ls_lights_info(take->rig.lights));
+    take->checks = err ? NULL : ls_checks_create(context->config, take->plan);
+    if (!err && !take->checks)
+        err = ls_fail(diag, LS_ERR_NOMEM, "out of memory");
     if (!err && dir)
         err = ls_take_json_offsets(dir->take_json, &take->config, diag);
     if (!err && dir)
@@ -232,6 +271,7 @@ static enum ls_err create_capture(struct ls_take *take, struct ls_diag *diag)
         .store = take->store,
         .metrics = take->context->metrics,
         .preview = take->context->preview,
+        .checks = take->checks,
         .reference_exposure_s = reference_exposure_s(take),
         .condition_done = take->done,
         .darks = (const float *const *)take->darks,
@@ -359,8 +399,10 @@ static enum ls_err put_findings(const struct ls_take *take, const char *take_jso
                                 struct ls_diag *diag)
 {
     struct ls_findings findings;
+    LS_CLEANUP_FREE char *found = NULL;
     ls_capture_findings(take->capture, &findings);
-    return ls_findings_put(&findings, take_json, text, diag);
+    enum ls_err err = ls_findings_put(&findings, take_json, &found, diag);
+    return err ? err : ls_checks_put(take->checks, found, text, diag);
 }
 
 /* Say in take.json how it ended, what is missing and what was found; that itself can fail (disk
@@ -445,6 +487,7 @@ void ls_take_destroy(struct ls_take *take)
     if (!take)
         return;
     ls_capture_destroy(take->capture);
+    ls_checks_destroy(take->checks);
     ls_store_close(take->store, NULL);
     ls_rig_close(&take->rig);
     if (take->darks)

@@ -210,6 +210,8 @@ static enum ls_err read_condition(const struct ls_take_facts *facts, const json_
     snprintf(out->id, sizeof out->id, "%s", id);
     snprintf(out->pattern, sizeof out->pattern, "%s", pattern ? pattern : "");
     out->kind = kind_of(json_string_value(json_object_get(item, "kind")), pattern);
+    if (json_is_true(json_object_get(item, "reference")))
+        out->kind = LS_FACT_OTHER;
     out->watch = json_is_true(json_object_get(item, "watch"));
     out->repeats = (uint32_t)json_integer_value(json_object_get(item, "repeats"));
     out->part = (uint32_t)json_integer_value(json_object_get(item, "part"));

@@ -52,6 +52,8 @@ static json_t *condition_json(const struct ls_plan_condition *c, const struct ls
         json_object_set_new(o, "exposure", json_integer(c->exposure));
     if (c->watch)
         json_object_set_new(o, "watch", json_true());
+    if (c->reference)
+        json_object_set_new(o, "reference", json_true());
     if (c->light >= 0)
         json_object_set_new(o, "light", json_integer(c->light));
     if (c->channel >= 0) {
@@ -267,12 +269,19 @@ static enum ls_err compare_rigs(const json_t *old, const json_t *now, struct ls_
     return LS_OK;
 }
 
-/* A level that the plan leaves to the controller goes with its current limit. */
-static enum ls_err compare_levels(const json_t *doc, const struct ls_plan *plan,
-                                  struct ls_diag *diag)
+/* The order of shots is this version's; a level that the plan leaves to the controller goes with
+ * its current limit. */
+static enum ls_err compare_conditions(const json_t *doc, const struct ls_plan *plan,
+                                      struct ls_diag *diag)
 {
     const json_t *list = json_object_get(json_object_get(doc, "plan"), "conditions");
     for (uint32_t i = 0; i < plan->n_conditions; i++) {
+        const char *id = json_string_value(json_object_get(json_array_get(list, i), "id"));
+        if (!id || strcmp(id, plan->conditions[i].id) != 0)
+            return ls_fail(diag, LS_ERR_MISMATCH,
+                           "condition %u was %.40s when this take began and would be %s now: "
+                           "another version of lightstaged began it; start a new take",
+                           i, id ? id : "none", plan->conditions[i].id);
         const json_t *old = json_object_get(json_array_get(list, i), "level");
         if (old && json_integer_value(old) != plan->conditions[i].level)
             return ls_fail(diag, LS_ERR_MISMATCH,
@@ -297,7 +306,7 @@ enum ls_err ls_take_json_same_rig(const char *take_json, const struct ls_take_do
     enum ls_err err = now ? compare_rigs(json_object_get(doc, "rig"), now, diag)
                           : ls_fail(diag, LS_ERR_NOMEM, "out of memory");
     if (!err)
-        err = compare_levels(doc, document->plan, diag);
+        err = compare_conditions(doc, document->plan, diag);
     free(text);
     json_decref(now);
     json_decref(fresh);

@@ -8,7 +8,8 @@
  *     "kind" dark|one|sphere|segment|list, "light" (rig row, one), "lights" [] (segment, list: rig
  *     rows), "levels" [] (list: of each of "lights"), "channel" "W", "level" (of weight 1:
  *     the nominal duty), "pattern", "part", "parts" (several lights: daemon/plan.h), "exposure"
- *     (dark), "watch" true (a dark between lights, not subtracted from anything), "repeats",
+ *     (dark), "watch" true (a dark between lights, not subtracted from anything),
+ *     "reference" true (a sphere between lights, nothing is promoted by it), "repeats",
  *     "first_step", "steps" } ],
  *   "uncalibrated" [] (ids of the conditions whose pattern and level the calibration has no factor
  *     for; all of several lights where there is no calibration) },
@@ -22,7 +23,7 @@
  *     "controller" { "serial", "firmware", "pwm_levels", "pwm_period_us" } },
  *   "exposure_s" [] (as used, shortest first), "reference_exposure_s",
  *   "calibration" (core/calibration.h) or null; once a run has ended "darks" and "clocks"
- *   (daemon/findings.h).
+ *   (daemon/findings.h), "drift" (daemon/checks.h).
  */
 #ifndef LS_DAEMON_TAKE_JSON_H
 #define LS_DAEMON_TAKE_JSON_H

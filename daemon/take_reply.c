@@ -12,6 +12,15 @@ static void fill_progress(Lightstage__Progress *out, const struct ls_capture_pro
     out->frames_per_second = in->frames_per_second;
 }
 
+static void fill_drift(Lightstage__Drift *out, struct ls_drift_seen *in)
+{
+    lightstage__drift__init(out);
+    out->change = in->drift.change;
+    out->error = in->drift.error;
+    out->alarm = in->alarm;
+    out->text = in->text;
+}
+
 static void fill_report(Lightstage__Report *out, struct ls_capture_report *in)
 {
     lightstage__report__init(out);
@@ -58,6 +67,10 @@ void ls_take_reply_fill(struct ls_take_reply *reply, struct ls_take_status *stat
     reply->status.message = status->message;
     reply->status.progress = &reply->progress;
     fill_progress(&reply->progress, &status->progress);
+    if (status->progress.drift.known) {
+        reply->status.drift = &reply->drift;
+        fill_drift(&reply->drift, &status->progress.drift);
+    }
     if (!ls_take_ended(status))
         return;
     reply->status.report = &reply->report;

@@ -14,6 +14,7 @@ struct ls_take_reply {
     Lightstage__TakeStatus status;
     Lightstage__Progress progress;
     Lightstage__Report report;
+    Lightstage__Drift drift;
 };
 
 void ls_take_reply_fill(struct ls_take_reply *reply, struct ls_take_status *status);

@@ -23,6 +23,7 @@ static const struct sim_key scene_keys[] = {
     {"gain_sigma", SIM_KEY_DOUBLE, SIM_RANGE(struct sim_scene_config, gain_sigma, 0, 1)},
     {"pwm_levels", SIM_KEY_U32, SIM_RANGE(struct sim_scene_config, pwm_levels, 0, 65535)},
     {"channels", SIM_KEY_OTHER},
+    {"led_faults", SIM_KEY_OTHER},
     {"spectra", SIM_KEY_PATH, SIM_FIELD(struct sim_scene_config, spectra_dir)},
     {"replay", SIM_KEY_PATH, SIM_FIELD(struct sim_scene_config, replay_dir)},
     {"replay_linear", SIM_KEY_BOOL, SIM_FIELD(struct sim_scene_config, replay_linear)},
@@ -40,6 +41,15 @@ static const struct sim_key channel_keys[] = {
      "spectrum vertical horizontal"},
     {"spectrum", SIM_KEY_STRING, SIM_FIELD(struct sim_channel_config, spectrum)},
     {"droop", SIM_KEY_DOUBLE, SIM_RANGE(struct sim_channel_config, droop, 1, 10)},
+    {"drift", SIM_KEY_DOUBLE, SIM_RANGE(struct sim_channel_config, drift, -0.9, 9)},
+    {"drift_pulses", SIM_KEY_DOUBLE, SIM_RANGE(struct sim_channel_config, drift_pulses, 1e-3, 1e9)},
+    {NULL},
+};
+
+static const struct sim_key led_fault_keys[] = {
+    {"light", SIM_KEY_U32, SIM_RANGE(struct sim_led_fault, light, 0, SIM_MAX_LIGHTS - 1)},
+    {"channel", SIM_KEY_STRING, SIM_FIELD(struct sim_led_fault, channel)},
+    {"strength", SIM_KEY_DOUBLE, SIM_RANGE(struct sim_led_fault, strength, 0, 10)},
     {NULL},
 };
 
@@ -242,10 +252,37 @@ static enum ls_err read_channels(const config_setting_t *s, struct sim_scene_con
     scene->n_channels = (uint32_t)config_setting_length(s);
     for (uint32_t i = 0; !err && i < scene->n_channels; i++) {
         const config_setting_t *group = config_setting_get_elem(s, i);
-        scene->channels[i] = (struct sim_channel_config){.droop = 1};
+        scene->channels[i] = (struct sim_channel_config){.droop = 1, .drift_pulses = 100};
         err = sim_config_read(group, channel_keys, &scene->channels[i], diag);
         if (!err && (!scene->channels[i].name[0] || !scene->channels[i].spectrum[0]))
             err = sim_config_fail(group, diag, "channel %u: expected a name and a spectrum", i);
+    }
+    return err;
+}
+
+static bool names_channel(const struct sim_scene_config *scene, const char *name)
+{
+    for (uint32_t i = 0; i < scene->n_channels; i++)
+        if (!strcmp(scene->channels[i].name, name))
+            return true;
+    return false;
+}
+
+/* After the channels, which they name. */
+static enum ls_err read_led_faults(const config_setting_t *s, struct sim_scene_config *scene,
+                                   struct ls_diag *diag)
+{
+    enum ls_err err = list_of(s, SIM_MAX_LED_FAULTS, diag);
+    if (err)
+        return err;
+    scene->n_led_faults = (uint32_t)config_setting_length(s);
+    for (uint32_t i = 0; !err && i < scene->n_led_faults; i++) {
+        const config_setting_t *group = config_setting_get_elem(s, i);
+        struct sim_led_fault *fault = &scene->led_faults[i];
+        err = sim_config_read(group, led_fault_keys, fault, diag);
+        if (!err && fault->channel[0] && !names_channel(scene, fault->channel))
+            err = sim_config_fail(group, diag, "channel: \"%s\": the scene has no such channel",
+                                  fault->channel);
     }
     return err;
 }
@@ -255,7 +292,10 @@ static enum ls_err read_scene(const config_setting_t *s, struct sim_config *conf
 {
     enum ls_err err = sim_config_read(s, scene_keys, &config->scene, diag);
     const config_setting_t *channels = config_setting_get_member(s, "channels");
-    return !err && channels ? read_channels(channels, &config->scene, diag) : err;
+    const config_setting_t *faults = config_setting_get_member(s, "led_faults");
+    if (!err && channels)
+        err = read_channels(channels, &config->scene, diag);
+    return !err && faults ? read_led_faults(faults, &config->scene, diag) : err;
 }
 
 static enum ls_err set_pixel_format(const config_setting_t *s, struct camera *camera,

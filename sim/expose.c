@@ -116,6 +116,14 @@ static enum ls_err look(struct sim_scene *scene, const struct sim_exposure *e,
     return sight->half ? LS_OK : render_now(scene, e->camera, picture, sight, diag);
 }
 
+/* Of a condition in several channels: that of its first LED. */
+static double drift(const struct sim_scene *scene, const struct sim_exposure *e)
+{
+    if (e->condition >= scene->n_conditions || !scene->conditions[e->condition].n_leds)
+        return 1;
+    return sim_scene_drift(scene, scene->conditions[e->condition].leds[0].channel, e->sequence);
+}
+
 static void expose_row(const struct sim_scene *scene, const struct sim_exposure *e,
                        const struct sim_raw_format *f, const struct sight *sight, uint32_t row,
                        float *signal)
@@ -129,7 +137,8 @@ static void expose_row(const struct sim_scene *scene, const struct sim_exposure 
         return;
     }
     float veil = (float)(full_well * rate * config->ambient * e->exposure_us * 1e-6);
-    float scale = (float)(full_well * rate * e->lit_us * 1e-6 / sim_picture_scale);
+    float scale =
+        (float)(full_well * rate * e->lit_us * 1e-6 / sim_picture_scale * drift(scene, e));
     memset(signal, 0, f->width * sizeof *signal);
     if (sight->half)
         ls_half_to_floats(sight->half + (size_t)(f->offset_y + row) * scene->view[e->camera].width +

@@ -233,6 +233,12 @@ double sim_scene_droop(const struct sim_scene *scene, uint32_t channel, double n
     return 1 + (scene->config.channels[channel].droop - 1) * (n_lit - 1) / (n - 1);
 }
 
+double sim_scene_drift(const struct sim_scene *scene, uint32_t channel, uint64_t sequence)
+{
+    const struct sim_channel_config *c = &scene->config.channels[channel];
+    return c->drift ? 1 - c->drift * expm1(-(double)sequence / c->drift_pulses) : 1;
+}
+
 double sim_scene_quantise(const struct sim_scene *scene, double duty)
 {
     duty = fmax(0, fmin(1, duty));
@@ -245,10 +251,22 @@ double sim_world_rate(const struct sim_view_config *view)
     return 0.5 / (0.9 / M_PI * view->white_exposure_us * 1e-6);
 }
 
+static double strength(const struct sim_scene *scene, const struct sim_led *led)
+{
+    double out = 1;
+    for (uint32_t i = 0; i < scene->config.n_led_faults; i++) {
+        const struct sim_led_fault *f = &scene->config.led_faults[i];
+        if (f->light == led->light &&
+            (!f->channel[0] || !strcmp(f->channel, scene->config.channels[led->channel].name)))
+            out *= f->strength;
+    }
+    return out;
+}
+
 float sim_world_weight(const struct sim_scene *scene, const struct sim_led *led, uint32_t n_lit)
 {
-    return (float)(led->duty * sim_scene_gain(scene, led->light, led->channel) /
-                   sim_scene_droop(scene, led->channel, n_lit));
+    return (float)(led->duty * sim_scene_gain(scene, led->light, led->channel) *
+                   strength(scene, led) / sim_scene_droop(scene, led->channel, n_lit));
 }
 
 uint32_t sim_world_lit(const struct sim_led *leds, uint32_t n_leds)

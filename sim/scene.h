@@ -34,6 +34,7 @@
 enum {
     SIM_MAX_CAMERAS = 4,
     SIM_MAX_CHANNELS = 16,
+    SIM_MAX_LED_FAULTS = 64,
 };
 
 enum sim_channel_kind {
@@ -45,8 +46,10 @@ enum sim_channel_kind {
 struct sim_channel_config {
     char name[16];
     enum sim_channel_kind kind;
-    char spectrum[64]; /* column of leds.csv */
-    double droop;      /* >= 1: divisor when every light is on, 1 for a single one */
+    char spectrum[64];   /* column of leds.csv */
+    double droop;        /* >= 1: divisor when every light is on, 1 for a single one */
+    double drift;        /* relative change of its light once warm, > -1 */
+    double drift_pulses; /* exposures of a camera after which 63 % of it has come, > 0 */
 };
 
 /** Optics and sensor of one camera: what it sees. (How it talks is sim/camera.h.) */
@@ -70,6 +73,13 @@ struct sim_view_config {
                                   calibration; the stage already includes it in exposure_us) */
 };
 
+/** An LED that is not what it should be. */
+struct sim_led_fault {
+    uint32_t light;
+    char channel[16]; /* "" = all of the light's */
+    double strength;  /* of what it would give, [0, 10] */
+};
+
 struct sim_scene_config {
     char scene[16];
     uint64_t seed;
@@ -83,6 +93,8 @@ struct sim_scene_config {
     uint32_t pwm_levels; /* distinct duties in (0, 1]; 0 = continuous */
     uint32_t n_channels;
     struct sim_channel_config channels[SIM_MAX_CHANNELS];
+    uint32_t n_led_faults;
+    struct sim_led_fault led_faults[SIM_MAX_LED_FAULTS];
     /* cameras */
     uint32_t n_cameras;
     struct sim_view_config views[SIM_MAX_CAMERAS]; /* by camera index */
@@ -122,13 +134,18 @@ void sim_scene_destroy(struct sim_scene *scene);
 const struct sim_scene_config *sim_scene_config(const struct sim_scene *scene);
 const struct sim_geometry *sim_scene_geometry(const struct sim_scene *scene);
 
-/** Strength of an LED at full duty, alone: the reciprocal of the calibration's k. */
+/** Strength of an LED at full duty, alone and cold: the reciprocal of the calibration's k. What a
+ * faulty LED would give without its fault. */
 double sim_scene_gain(const struct sim_scene *scene, uint32_t light, uint32_t channel);
 
 /** Divisor on the output of @channel when @n_lit LEDs are lit together: 1 + (droop - 1) (n_lit - 1)
  * / (n_lights - 1), never below 1. Duty plays no part: PWM switches all LEDs in phase, so the
  * supply sags as for full duty while they are on. */
 double sim_scene_droop(const struct sim_scene *scene, uint32_t channel, double n_lit);
+
+/** What is left of a channel's light at a camera's exposure number @sequence:
+ * 1 + drift (1 - exp(-sequence / drift_pulses)). */
+double sim_scene_drift(const struct sim_scene *scene, uint32_t channel, uint64_t sequence);
 
 /** A duty as this hardware can drive it: the nearest multiple of 1 / pwm_levels, [0, 1]. */
 double sim_scene_quantise(const struct sim_scene *scene, double duty);

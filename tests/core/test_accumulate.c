@@ -134,8 +134,7 @@ static void test_sums_are_within_the_stated_bound(const void *data)
                     sum += term;
                     size += fabsl(term);
                 }
-                uint32_t group = c[k].sums <= 6 ? 16 : 32;
-                double steps = MIN(c[k].n, group) + ceil(c[k].n / (double)group);
+                double steps = MIN(c[k].n, 32) + ceil(c[k].n / 32.0);
                 double bound = steps * 0x1p-24 * (double)size;
                 double error = fabs((double)(sums[q * px + j] - sum));
                 /* products below the smallest normal float round absolutely */

@@ -233,6 +233,7 @@ static struct ls_plan *plan_of(const struct ls_config *config, uint32_t n)
     struct ls_diag diag = {0};
     struct ls_plan *p = NULL;
     GString *text = g_string_new("subject = \"still\"; exposures_us = [250, 1000]; darks = 3;\n"
+                                 "reference = { every = 0; };\n"
                                  "conditions = (");
     for (uint32_t i = 0; i < n; i++)
         g_string_append_printf(text, "%s{ kind = \"segment\"; channels = [\"W\"]; lights = [0]; }",

@@ -1,6 +1,7 @@
 /* The kinds of a plan: which lights each picture shows, at which levels, under which name. */
 #include "core/bases.h"
 #include "core/segments.h"
+#include "core/smooth_order.h"
 #include "daemon/config.h"
 #include "daemon/passes.h"
 #include "daemon/plan.h"
@@ -70,6 +71,7 @@ static enum ls_err parse(struct fixture *f, const char *conditions, struct ls_pl
                          struct ls_diag *diag)
 {
     char *text = g_strdup_printf("subject = \"still\"; exposures_us = [100, 800]; darks = 2;\n"
+                                 "reference = { every = 0; };\n"
                                  "conditions = ( %s );\n",
                                  conditions);
     enum ls_err err = ls_plan_parse(text, f->config, out, diag);
@@ -333,6 +335,103 @@ static void test_limits(struct fixture *f, gconstpointer unused)
     }
 }
 
+/* A white sphere before the first light, after every hundred shots and at the end. */
+static void test_references(struct fixture *f, gconstpointer unused)
+{
+    static const struct {
+        const char *text;
+        uint32_t references, channels, every; /* conditions between */
+        const char *last;
+    } cases[] = {
+        {"", 8, 1, 50, "reference-W-07"}, /* 692 shots */
+        {"reference = { every = 691; };", 2, 1, 346, "reference-W-01"},
+        {"reference = { every = 692; };", 0, 0, 0, NULL},
+        {"reference = { every = 0; };", 0, 0, 0, NULL},
+        {"reference = { every = 101; channels = [\"R\", \"W\"]; level = 5000; };", 8, 2, 51,
+         "reference-W-07"},
+    };
+    for (size_t k = 0; k < G_N_ELEMENTS(cases); k++) {
+        struct ls_diag diag = {0};
+        struct ls_plan *plan = NULL;
+        char *text = g_strdup_printf("subject = \"still\"; exposures_us = [100, 800]; darks = 2; "
+                                     "%s conditions = ( { kind = \"each\"; channels = "
+                                     "[\"R\"]; } );",
+                                     cases[k].text);
+        if (ls_plan_parse(text, f->config, &plan, &diag))
+            g_error("%s", diag.text);
+        uint32_t at = 0, lit = 0, since = 0, references = 0, watches = 0;
+        for (uint32_t i = 0; i < plan->n_conditions; i++)
+            watches += plan->conditions[i].watch;
+        g_assert_cmpuint(watches, ==, LIGHTS / 50); /* references are not counted */
+        for (const struct ls_plan_condition *c, *last = NULL; (c = next_lit(plan, &at)); last = c) {
+            if (!c->reference) {
+                lit++;
+                since++;
+                g_assert_true(cases[k].references == 0 || references > 0);
+                g_assert_true(cases[k].references == 0 || since <= cases[k].every);
+                continue;
+            }
+            g_assert_true(lit == 0 || lit == LIGHTS || since == cases[k].every || last->reference);
+            references += !last || !last->reference;
+            since = 0;
+            g_assert_cmpint(c->lights.kind, ==, LS_CONDITION_SPHERE);
+            g_assert_cmpstr(c->pattern, ==, "");
+            g_assert_cmpuint(c->n_steps, ==, 2);
+            g_assert_cmpuint(c->level, ==, cases[k].channels == 2 ? 5000 : 65535 / 90);
+        }
+        g_assert_cmpuint(lit, ==, LIGHTS);
+        g_assert_cmpuint(references, ==, cases[k].references);
+        if (cases[k].last)
+            g_assert_cmpstr(plan->conditions[plan->n_conditions - 1].id, ==, cases[k].last);
+        ls_plan_destroy(plan);
+        g_free(text);
+    }
+}
+
+static double mean_step(struct fixture *f, struct ls_plan *plan, uint32_t *lights)
+{
+    float directions[2 * LIGHTS][3];
+    uint32_t order[2 * LIGHTS], n = 0, at = 0;
+    for (const struct ls_plan_condition *c; (c = next_lit(plan, &at)); n++) {
+        g_assert_cmpint(c->light, >=, 0);
+        lights[n] = order[n] = (uint32_t)c->light;
+        g_assert_cmpuint(n, <, 2 * LIGHTS);
+        g_assert_cmpuint(row_of(&c->lights.leds[0]), ==, c->light);
+        memcpy(directions[n], f->config->lights[c->light].position_m, sizeof directions[n]);
+        order[n] = n;
+    }
+    g_assert_cmpuint(n, ==, 2 * LIGHTS);
+    return ls_smooth_order_step((const float(*)[3])directions, n, order) * 180 / G_PI;
+}
+
+/* Neighbours follow each other, the second channel on the way back; the plan's text decides. */
+static void test_order(struct fixture *f, gconstpointer unused)
+{
+    uint32_t smooth[2 * LIGHTS], again[2 * LIGHTS], given[2 * LIGHTS];
+    struct ls_plan *a = plan_of(f, "{ kind = \"each\"; channels = [\"W\", \"R\"]; }");
+    struct ls_plan *b = plan_of(f, "{ kind = \"each\"; channels = [\"W\", \"R\"]; }");
+    struct ls_plan *c =
+        plan_of(f, "{ kind = \"each\"; channels = [\"W\", \"R\"]; order = \"given\"; }");
+    double step = mean_step(f, a, smooth), by_row = mean_step(f, c, given);
+    g_test_message("mean step %.2f degrees, by row %.2f", step, by_row);
+    g_assert_cmpfloat(step, <, 1.1 * 10.35); /* the nearest neighbours' mean distance */
+    g_assert_cmpfloat(by_row, >, 50);
+    mean_step(f, b, again);
+    g_assert_cmpmem(smooth, sizeof smooth, again, sizeof again);
+    for (uint32_t i = 0; i < LIGHTS; i++) {
+        g_assert_cmpuint(smooth[i], ==, smooth[2 * LIGHTS - 1 - i]);
+        g_assert_cmpuint(given[i], ==, i);
+    }
+    ls_plan_destroy(a);
+    ls_plan_destroy(b);
+    ls_plan_destroy(c);
+    uint32_t at = 0;
+    a = plan_of(f, "{ kind = \"each\"; channels = [\"W\"]; lights = [9, 300, 2, 10]; }");
+    g_assert_cmpint(next_lit(a, &at)->light, ==, 9);
+    g_assert_cmpint(next_lit(a, &at)->light, ==, 300);
+    ls_plan_destroy(a);
+}
+
 static void test_refusals(struct fixture *f, gconstpointer unused)
 {
     static const char *const cases[][2] = {
@@ -352,6 +451,8 @@ static void test_refusals(struct fixture *f, gconstpointer unused)
         {"{ kind = \"segments\"; count = 3; channels = [\"W\"]; },"
          "{ kind = \"segments\"; count = 2; channels = [\"W\"]; }",
          "segment-W-00 is asked for twice"},
+        {"{ kind = \"each\"; order = \"random\"; channels = [\"W\"]; }", "\"smooth\" or \"given\""},
+        {"{ kind = \"sphere\"; order = \"smooth\"; channels = [\"W\"]; }", "unknown key order"},
         {"{ kind = \"each\"; level = 9; channels = [\"W\"]; }", "photographed at 65535"},
     };
     for (size_t i = 0; i < G_N_ELEMENTS(cases); i++) {
@@ -395,6 +496,8 @@ int main(int argc, char **argv)
     ADD("harmonics-come-in-pairs-or-biased", test_harmonics);
     ADD("gradients-follow-the-axes", test_gradients);
     ADD("every-kind-fits-the-reference-controller", test_limits);
+    ADD("references-stand-every-hundred-shots", test_references);
+    ADD("neighbouring-lights-follow-each-other", test_order);
     ADD("wrong-kinds-are-refused", test_refusals);
     ADD("a-pattern-or-level-without-a-factor-has-none", test_factors);
     return g_test_run();

@@ -25,7 +25,7 @@ PLAN = """subject = "still";
 exposures_us = [500, 2500, 12500];
 darks = 8;
 conditions = ( { kind = "sphere"; channels = ["W", "R", "A", "G", "C", "B"]; },
-               { kind = "each"; channels = ["W"]; } );
+               { kind = "each"; channels = ["W"]; order = "given"; } );
 """
 
 

@@ -21,7 +21,8 @@ LONG = """subject = "still";
 exposures_us = [500, 2500, 12500];
 darks = 8;
 keep_raw = true;
-conditions = ( { kind = "each"; channels = ["W", "R", "G", "B"]; } );
+reference = { every = 0; };
+conditions = ( { kind = "each"; channels = ["W", "R", "G", "B"]; order = "given"; } );
 """
 KEEP_RAW = harness.PLAN + "keep_raw = true;\n"
 

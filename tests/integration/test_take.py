@@ -70,7 +70,7 @@ def test_one_camera_of_four_lost_is_named_and_the_others_pictures_are_safe(folde
 
 
 PERMUTED = """subject = "still"; exposures_us = [500, 2500]; darks = 2;
-conditions = ( { kind = "each"; channels = ["W"]; },
+conditions = ( { kind = "each"; channels = ["W"]; order = "given"; },
                { kind = "segment"; channels = ["R"]; lights = [0, 1, 4]; } );
 """
 
@@ -98,7 +98,8 @@ def test_a_light_is_its_row_of_the_rig_file_whatever_its_address(folder):
 def test_a_take_is_watched_for_drift_and_states_its_darks_and_clocks(folder):
     # 54 conditions, so one watch; a camera's default black is 1/64 of full scale
     rig = harness.twelve(folder).start()
-    plan = harness.PLAN.replace('channels = ["W"]; }', 'channels = ["W", "R", "G", "B"]; }')
+    plan = harness.PLAN.replace('channels = ["W"]; o', 'channels = ["W", "R", "G", "B"]; o')
+    plan += "reference = { every = 0; };\n"
     code, status, err = takes.photograph(rig, plan)
     assert code == 0 and status["state"] == "complete", err
     judged = takes.is_good(rig, status["id"], pixels=False)
