@@ -75,6 +75,8 @@ static size_t pack_row(const struct ls_exr_channel *channel, uint32_t x, uint32_
     bool as_is = channel->source == LS_EXR_FROM_HALF ||
                  (channel->source == LS_EXR_FROM_FLOAT && channel->type == LS_EXR_FLOAT);
     if (as_is && stride == bytes) {
+        for (size_t k = 0; k < n * bytes; k += 64) /* of the next tile: rows lie pages apart */
+            __builtin_prefetch(at + n * bytes + k);
         memcpy(out, at, n * bytes);
         return n * bytes;
     }

@@ -115,17 +115,24 @@ static enum ls_err encode(const struct ls_store_picture *picture, struct ls_stor
                           struct ls_diag *diag)
 {
     struct ls_published published = {.camera = picture->camera};
-    enum ls_err err = ls_exr_write_mosaic(&picture->mosaic, &item->bytes, &item->n, diag);
+    struct ls_exr_mosaic mosaic = picture->mosaic;
+    enum ls_err err = ls_tilesum(&mosaic, &published);
+    if (!published.tile_invalid) /* nothing to look through again */
+        mosaic.validity = NULL;
     if (err)
+        ls_fail(diag, err, "condition %s: %s", picture->condition, ls_err_name(err));
+    else
+        err = ls_exr_write_mosaic(&mosaic, &item->bytes, &item->n, diag);
+    if (err) {
+        ls_published_finish(&published);
         return err;
+    }
     item->camera = picture->camera;
     snprintf(item->file, sizeof item->file, "cam%u/%s.exr", picture->camera, picture->condition);
     g_strlcpy(published.file, item->file, sizeof published.file);
     g_strlcpy(published.condition, picture->condition, sizeof published.condition);
     published.bytes = item->n;
-    err = ls_tilesum(&picture->mosaic, &published);
-    if (!err)
-        err = ls_journal_add_published(&item->record, &published);
+    err = ls_journal_add_published(&item->record, &published);
     ls_published_finish(&published);
     return err ? ls_fail(diag, err, "condition %s: %s", picture->condition, ls_err_name(err))
                : LS_OK;
