@@ -8,6 +8,7 @@ usage: tests/run [SUITE]       (tests/run installs what is missing, then starts 
   full      also the long variants of the random tests
   sanitize  unit tests under AddressSanitizer and UndefinedBehaviorSanitizer
   tsan      the daemon's unit tests under ThreadSanitizer
+  rate      takes at the cameras' full rate, on an idle machine; --quick: 100 conditions each
   soak      200 short takes under random mixtures of faults: tests/run soak [--takes N] [--seed S]
 """
 import json
@@ -106,9 +107,19 @@ def soak(arguments):
                                      env={"LS_SOURCE_ROOT": ROOT, "LS_BUILD_ROOT": folder})
 
 
+def rate(arguments):
+    folder = build("build")
+    if not folder:
+        return 1
+    return call(sys.executable, "-B", os.path.join("tests", "bench", "rate.py"), "--build", folder,
+                *arguments)
+
+
 def main():
     if sys.argv[1:2] == ["soak"]:
         return soak(sys.argv[2:])
+    if sys.argv[1:2] == ["rate"]:
+        return rate(sys.argv[2:])
     suite = sys.argv[1] if len(sys.argv) > 1 else "default"
     if suite in ("-h", "--help") or suite not in ("default", "ci", "full", "sanitize", "tsan"):
         print(__doc__)

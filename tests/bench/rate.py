@@ -1,0 +1,80 @@
+#!/usr/bin/python3 -B
+"""Does a take keep a camera's full rate, and lose and mislabel nothing? On an idle machine.
+
+usage: tests/run rate [--quick] [--build DIR]
+
+Three takes on two processors, simulator and daemon together: one camera at 72 frames a second, 8
+bits; four at 18; one at 36 in 12 bits, two bytes a pixel; 2048 x 2048 and three exposures each, merge
+and store on. 1,000 conditions each, 11 GB of disk at a time; --quick: 100. Prints what each reached and
+cost, and ends with 1 unless all kept 99.3 % of their rate, lost nothing at the first attempt, and every
+frame and picture showed what its label says.
+"""
+import os
+import sys
+
+sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
+
+import rates  # noqa: E402
+
+KEPT = 71.5 / 72  # of the planned rate
+RUNS = (("one camera, 8 bit", {"fps": 72}),
+        ("four cameras, 8 bit", {"fps": 18, "cameras": 4}),
+        ("one camera, 12 bit", {"fps": 36, "pixel_format": "BayerRG12"}))
+
+
+def faults(result, fps):
+    """What speaks against a run, in words."""
+    if result["state"] != "complete":
+        yield result["message"]
+    if result["fps"] < KEPT * fps:
+        yield f"{result['fps']:.2f} frames a second, {KEPT * fps:.2f} wanted"
+    if result["lost"]:
+        yield f"{result['lost']} shots lost at the first attempt"
+    if result["mislabeled_in_log"] or result["mislabeled_in_pixels"]:
+        yield (f"{result['mislabeled_in_log']} frames mislabeled by the log, pictures by their "
+               f"pixels: {result['mislabeled_in_pixels'][:3]}")
+
+
+def show(name, result, fps, wrong):
+    print(f"{name}: {result['fps']:.2f} of {fps} frames a second, {result['shots']} shots, "
+          f"{result['lost']} lost, {result['mislabeled_in_log']} frames and "
+          f"{len(result['mislabeled_in_pixels'])} pictures mislabeled")
+    for camera, parts in enumerate(result["latencies"]):
+        line = ", ".join(f"{part} {v['p50_ms']:.1f} / {v['p99_ms']:.1f} / {v['max_ms']:.1f}"
+                         for part, v in parts.items())
+        print(f"  camera {camera}: latency p50 / p99 / max in ms: {line}")
+    cost = result["cpu_ms_per_shot"]
+    for part, ms in sorted(cost.items(), key=lambda item: -item[1]):
+        if ms >= 0.05:
+            print(f"  {part:28} {ms:7.2f} ms of a processor per shot")
+    views = 4 if "four" in name else 1
+    print(f"  {'together':28} {sum(cost.values()):7.2f} ms of the "
+          f"{1e3 * rates.PROCESSORS / (fps * views):.2f} there are")
+    for text in wrong:
+        print(f"  NOT MET: {text}")
+
+
+def main():
+    words = sys.argv[1:]
+    build = os.path.join(rates.ROOT, "build")
+    if "--build" in words[:-1]:
+        at = words.index("--build")
+        build = os.path.abspath(words[at + 1])
+        del words[at:at + 2]
+    if words not in ([], ["--quick"]):
+        sys.exit(__doc__)
+    rates.two_processors()
+    print(f"load average {os.getloadavg()[0]:.2f} before")
+    met = 0
+    for name, options in RUNS:
+        result = rates.take(build, conditions=100 if words else 1000, **options)
+        wrong = list(faults(result, options["fps"]))
+        show(name, result, options["fps"], wrong)
+        sys.stdout.flush()
+        met += not wrong
+    print(f"{met} passed, {len(RUNS) - met} failed")
+    return 0 if met == len(RUNS) else 1
+
+
+if __name__ == "__main__":
+    sys.exit(main())
