@@ -82,6 +82,43 @@ static enum ls_err note_repair(struct ls_capture *c, uint32_t n, uint32_t pass,
     return ls_store_alarm(c->setup.store, text, diag);
 }
 
+static uint32_t bound_of(const struct ls_capture *c, uint32_t camera)
+{
+    struct ls_camera_counts counts;
+    ls_camera_thread_counts(c->threads[camera], &counts);
+    return counts.bound;
+}
+
+/* A camera that sent nothing usable in a whole pass is asked something: one that is gone would
+ * otherwise be fired at in vain until its own heartbeat tells. */
+static enum ls_err ask_silent(struct ls_capture *c, const uint32_t *bound_before,
+                              struct ls_diag *diag)
+{
+    for (uint32_t i = 0; i < c->n_cameras; i++) {
+        uint64_t ticks, before, after;
+        struct ls_camera *camera = c->setup.cameras[i];
+        if (bound_of(c, i) != bound_before[i] || !ls_camera_info(camera)->has_latch)
+            continue;
+        enum ls_err err = ls_camera_latch(camera, &ticks, &before, &after, NULL);
+        if (err == LS_ERR_GONE || err == LS_ERR_TIMEOUT)
+            return ls_fail(diag, LS_ERR_GONE,
+                           "camera %s is gone: no frame of a whole pass, and no answer; LEDs are "
+                           "dark, everything complete is stored; check its cable and power, then "
+                           "resume the take",
+                           ls_capture_camera(c, i)->name);
+    }
+    return LS_OK;
+}
+
+static enum ls_err shoot_pass(struct ls_capture *c, struct ls_diag *diag)
+{
+    uint32_t bound[LS_MAX_CAMERAS];
+    for (uint32_t i = 0; i < c->n_cameras; i++)
+        bound[i] = bound_of(c, i);
+    enum ls_err err = shoot_wanted(c, diag);
+    return err ? err : ask_silent(c, bound, diag);
+}
+
 static enum ls_err shoot_phase(struct ls_capture *c, enum phase phase, struct ls_diag *diag)
 {
     enum ls_err err = LS_OK;
@@ -92,7 +129,7 @@ static enum ls_err shoot_phase(struct ls_capture *c, enum phase phase, struct ls
         if (pass > 0)
             err = note_repair(c, n, pass, diag);
         if (!err)
-            err = shoot_wanted(c, diag);
+            err = shoot_pass(c, diag);
     }
     return err;
 }

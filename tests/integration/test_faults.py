@@ -2,6 +2,8 @@
 """What can go wrong on a rig, one fault a test: the take ends complete, says what it repaired, and
 no frame is taken for another."""
 import re
+import socket
+import struct
 
 import harness
 import takes
@@ -178,13 +180,13 @@ def test_a_controller_that_cannot_get_ready_says_so(folder):
     assert takes.exposures(rig) == 0
 
 
-def test_a_camera_that_falls_silent_ends_the_take_with_its_shots_named(folder):
-    rig = harness.twelve(folder, f'{{ kind = "silent"; at = {takes.FIRST_LIGHT + 40}; }}',
-                         daemon_extra="retries = 1;").start()
+def test_a_camera_that_is_gone_ends_the_take_with_its_name_and_its_shots(folder):
+    rig = harness.twelve(folder, f'{{ kind = "silent"; at = {takes.FIRST_LIGHT + 40}; }}').start()
     code, status, err = takes.photograph(rig, harness.PLAN)
-    assert code == 1 and status["state"] == "incomplete", (code, status, err)
-    takes.says(status["message"], "conditions missing after every repair", "resume")
-    takes.says(takes.alarms(rig, status["id"])[-1], "missing: cam0/W-0011 after 2 passes")
+    assert code == 1 and status["state"] == "failed", (code, status, err)
+    takes.says(status["message"], "camera front", "gone", "LEDs are dark", "resume")
+    missing = takes.document(rig, status["id"])["missing"]
+    assert missing[-1] == "cam0/W-0011", missing
     code, out, err = takes.ask(rig, "take", "verify", status["id"])
     assert code == 1, (code, out, err)
 
@@ -197,6 +199,55 @@ def test_a_camera_that_reboots_ends_the_take_and_resume_completes_it(folder):
         takes.says(status["message"], "camera", "resume")
         code, status, err = takes.resume(rig, status["id"])
     assert code == 0, (status, err)
+    takes.is_good(rig, status["id"])
+
+
+def test_frame_ids_that_wrap_at_lost_frames_are_taken_for_no_other(folder):
+    # the 46th frame has id 65535; it and the next, which would be 1, are lost
+    rig = harness.twelve(folder, '{ kind = "lose_frame"; at = 46; count = 2; }', scene="stamp",
+                         camera_extra="first_block = 65490;").start()
+    code, status, err = takes.photograph(rig)
+    assert code == 0 and status["state"] == "complete", (err, status)
+    assert takes.is_good(rig, status["id"])["shots_repaired"] >= 2
+    ids = [t["frame_id"] for t in takes.records(rig, status["id"], "ticket")]
+    assert min(ids) < 65535 < max(ids), (min(ids), max(ids))
+
+
+# registers of sim/camera.xml: region and format, acquisition, trigger, exposure, gain, curves, chunks
+SETTINGS = (0x0d04, 0x8008, 0x800c, 0x8010, 0x8014, 0x8018, 0x8100, 0x810c, 0x8114, 0x8118, 0x811c,
+            0x8124, 0x8200, 0x8204, 0x820c, 0x8210, 0x8300, 0x8400, 0x8410, 0x8414, 0x8418, 0x841c)
+
+
+def settings(rig):
+    """The camera's registers, read as anybody may."""
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as camera:
+        camera.settimeout(10)
+        camera.connect((rig.addresses[0], 3956))
+        camera.send(struct.pack(f">4H{len(SETTINGS)}I", 0x4201, 0x80, 4 * len(SETTINGS), 1,
+                                *SETTINGS))
+        answer = camera.recv(1500)
+    assert answer[:4] == b"\0\0\0\x81", answer
+    return struct.unpack(f">{len(SETTINGS)}I", answer[8:])
+
+
+def test_a_camera_that_comes_back_with_other_settings_gets_every_one_again(folder):
+    plan = """subject = "still"; exposures_us = [500, 2500]; darks = 2; keep_raw = true;
+              conditions = ( { kind = "each"; channels = ["W"]; } );"""
+    pulses = takes.WARM_UP + 2 * 2 + 12 * 2
+    rig = harness.twelve(folder, f'{{ kind = "reboot"; at = {pulses + 20}; }}',
+                         scene="stamp").start()
+    code, status, err = takes.photograph(rig, plan)
+    assert code == 0 and takes.exposures(rig) == pulses, (status, err)
+    applied = settings(rig)
+    code, status, err = takes.photograph(rig, plan)
+    assert code == 1 and status["state"] == "failed", (code, status, err)
+    other = settings(rig)
+    changed = [hex(a) for a, was, now in zip(SETTINGS, applied, other) if was != now]
+    # packet size, trigger mode, exposure mode, gain, chunk mode and the three chunks
+    assert {"0xd04", "0x8114", "0x8124", "0x8200", "0x8400"} <= set(changed), changed
+    code, status, err = takes.resume(rig, status["id"])
+    assert code == 0, (status, err)
+    assert settings(rig) == applied, (applied, settings(rig))
     takes.is_good(rig, status["id"])
 
 
