@@ -4,6 +4,7 @@
 #include "daemon/privileges.h"
 #include "daemon/rig.h"
 #include "daemon/take.h"
+#include "daemon/take_token.h"
 
 #include <glib.h>
 #include <stdio.h>
@@ -165,13 +166,18 @@ static gpointer take_main(gpointer data)
     return NULL;
 }
 
+static void remember(struct ls_engine *e, const char *token)
+{
+    snprintf(e->tokens[e->n_tokens++ % TOKENS_REMEMBERED], sizeof e->tokens[0], "%s", token);
+}
+
 static void launch(struct ls_engine *e, struct ls_take *take, const char *token)
 {
     e->take = take;
     e->status = (struct ls_take_status){.state = LS_TAKE_PREPARING};
     snprintf(e->status.id, sizeof e->status.id, "%s", ls_take_id(take));
     snprintf(e->status.token, sizeof e->status.token, "%s", token);
-    snprintf(e->tokens[e->n_tokens++ % TOKENS_REMEMBERED], sizeof e->tokens[0], "%s", token);
+    remember(e, token);
     e->timer = g_timeout_source_new(REPORT_PERIOD_MS);
     g_source_set_callback(e->timer, report_progress, e, NULL);
     g_source_attach(e->timer, e->main);
@@ -277,9 +283,15 @@ enum ls_err ls_engine_start(struct ls_engine *e, const char *name, const char *p
         return err;
     if (e->take)
         return busy(e, diag);
+    *already = ls_take_token_find(e->config->storage, name, token, &e->status);
+    if (*already) {
+        remember(e, token);
+        notify(e);
+        return LS_OK;
+    }
     take_over_for_take(e);
     ls_probe_release(e->probe);
-    err = ls_take_create(&e->context, name, plan_text, &take, diag);
+    err = ls_take_create(&e->context, name, plan_text, token, &take, diag);
     if (!err)
         launch(e, take, token);
     return err;

@@ -281,7 +281,8 @@ static enum ls_err create_capture(struct ls_take *take, struct ls_diag *diag)
 }
 
 enum ls_err ls_take_create(const struct ls_take_context *context, const char *name,
-                           const char *plan_text, struct ls_take **out, struct ls_diag *diag)
+                           const char *plan_text, const char *token, struct ls_take **out,
+                           struct ls_diag *diag)
 {
     struct ls_take *take;
     struct ls_preflight report;
@@ -294,7 +295,8 @@ enum ls_err ls_take_create(const struct ls_take_context *context, const char *na
         ls_take_destroy(take);
         return err;
     }
-    const struct ls_take_document doc = document(take, plan_text);
+    struct ls_take_document doc = document(take, plan_text);
+    doc.token = token;
     LS_CLEANUP_FREE char *take_json = NULL;
     err = ls_take_json_make(&doc, &take_json, diag);
     if (!err)
@@ -449,6 +451,7 @@ enum ls_take_state ls_take_run(struct ls_take *take, struct ls_capture_report *r
     else
         ls_store_close(take->store, NULL);
     take->store = NULL;
+    ls_rig_close(&take->rig); /* one that is gone takes seconds: not the main loop's */
     if (closed && !err) {
         ls_fail(message, closed, "the take could not be written: %.400s", books.text);
         return LS_TAKE_FAILED;

@@ -31,11 +31,11 @@ LS_MUST_CHECK enum ls_err ls_take_preflight(const struct ls_take_context *contex
                                             const char *plan_text, struct ls_preflight *out,
                                             struct ls_diag *diag);
 
-/** Preflight, then make the folder and reserve its space. Errors as preflight, plus those of
- * ls_store_create. (transfer full). */
+/** Preflight, then make the folder, in which @token is kept, and reserve its space. Errors as
+ * preflight, plus those of ls_store_create. (transfer full). */
 LS_MUST_CHECK enum ls_err ls_take_create(const struct ls_take_context *context, const char *name,
-                                         const char *plan_text, struct ls_take **out,
-                                         struct ls_diag *diag);
+                                         const char *plan_text, const char *token,
+                                         struct ls_take **out, struct ls_diag *diag);
 
 /** Go on with the take in storage folder @id: its own plan, only what is not published. Errors:
  * LS_ERR_NOT_FOUND, LS_ERR_STATE (complete), LS_ERR_MISMATCH (another rig), as create. */
@@ -47,7 +47,8 @@ const char *ls_take_id(const struct ls_take *take);
 
 /**
  * Photograph, store, close the books. Returns the state the take ended in, writes the report and a
- * sentence for people: what was repaired, what is missing, or why it failed and what to do.
+ * sentence for people: what was repaired, what is missing, or why it failed and what to do. The
+ * devices are closed then.
  */
 enum ls_take_state ls_take_run(struct ls_take *take, struct ls_capture_report *report,
                                struct ls_diag *message);

@@ -181,6 +181,8 @@ enum ls_err ls_take_json_make(const struct ls_take_document *d, char **text, str
                             "conventions", CONVENTIONS, "plan", plan_json(d), "rig", rig_json(d),
                             "exposure_s", exposures_json(d), "reference_exposure_s",
                             d->reference_exposure_s, "calibration", calibration);
+    if (doc && d->token && *d->token)
+        json_object_set_new(doc, "token", json_string(d->token));
     *text = doc ? json_dumps(doc, JSON_COMPACT | JSON_REAL_PRECISION(17)) : NULL;
     json_decref(doc);
     return *text ? LS_OK : ls_fail(diag, LS_ERR_NOMEM, "out of memory writing take.json");

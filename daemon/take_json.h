@@ -22,8 +22,8 @@
  *       "exposure_offset_sigma_us" of an offset that was measured } ],
  *     "controller" { "serial", "firmware", "pwm_levels", "pwm_period_us" } },
  *   "exposure_s" [] (as used, shortest first), "reference_exposure_s",
- *   "calibration" (core/calibration.h) or null; once a run has ended "darks" and "clocks"
- *   (daemon/findings.h), "drift" (daemon/checks.h).
+ *   "calibration" (core/calibration.h) or null; "token" of the client that started it; once a run
+ *   has ended "darks" and "clocks" (daemon/findings.h), "drift" (daemon/checks.h).
  */
 #ifndef LS_DAEMON_TAKE_JSON_H
 #define LS_DAEMON_TAKE_JSON_H
@@ -38,6 +38,7 @@ struct ls_take_document {
     const struct ls_config *config;
     const struct ls_plan *plan;
     const char *plan_text;
+    const char *token; /* of the client that started it; NULL or "" = none */
     const struct ls_lights_info *lights;
     const struct ls_camera_info *const *cameras; /* config->n_cameras of them */
     double reference_exposure_s;

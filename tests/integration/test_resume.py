@@ -130,6 +130,9 @@ def test_sigterm_leaves_the_lights_dark_and_the_take_resumable(folder):
     assert lights["state"] == "loaded" and not lights["faults"], lights
     assert takes.exposures(rig) == fired
     assert [t["state"] for t in rig.takes()] == ["aborted"]
+    code, status, err = takes.photograph(rig, takes.LONG, token="begun")  # as a client in doubt does
+    assert code == 1 and status["id"] == take and status["state"] == "aborted", (status, err)
+    assert takes.exposures(rig) == fired and len(rig.takes()) == 1
     files, published = takes.files(rig, take), takes.published(rig, take)
     asked = shoots_only_what_is_missing(rig, take, published)
     assert published and asked
