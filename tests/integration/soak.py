@@ -175,7 +175,10 @@ class Take:
             if code == 0:
                 self.take = json.loads(out)["id"]
                 return
-            self.said.append(err.strip())  # a device that cannot even be opened
+            self.said.append(err.strip())  # a device that cannot even be opened, or no room at all
+            if self.rig.environment:
+                self.rig.daemon.stop()
+                self.heal()
             time.sleep(1)
         raise AssertionError(f"no take could be started: {self.said}")
 
