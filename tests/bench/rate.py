@@ -43,10 +43,12 @@ def show(name, result, fps, wrong):
         line = ", ".join(f"{part} {v['p50_ms']:.1f} / {v['p99_ms']:.1f} / {v['max_ms']:.1f}"
                          for part, v in parts.items())
         print(f"  camera {camera}: latency p50 / p99 / max in ms: {line}")
-    cost = result["cpu_ms_per_shot"]
+        if result["losses"][camera]:
+            print(f"  camera {camera}: {result['losses'][camera]}")
+    cost = result["cpu_ms_per_frame"]
     for part, ms in sorted(cost.items(), key=lambda item: -item[1]):
         if ms >= 0.05:
-            print(f"  {part:28} {ms:7.2f} ms of a processor per shot")
+            print(f"  {part:28} {ms:7.2f} ms of a processor per frame")
     views = 4 if "four" in name else 1
     print(f"  {'together':28} {sum(cost.values()):7.2f} ms of the "
           f"{1e3 * rates.PROCESSORS / (fps * views):.2f} there are")

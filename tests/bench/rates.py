@@ -50,11 +50,15 @@ def threads_s(pid):
 
 
 class Account:
-    """Processor time of both processes while a take runs, by the names of their threads."""
+    """Processor time of both processes while a take's lights run, by the names of their threads.
+    It begins when a bracket of lights is through: darks and the simulator's own preparation are
+    no part of the rate."""
 
     def __init__(self, rig):
         self.pids = {"sim": rig.dome.child.pid, "daemon": rig.daemon.child.pid}
-        self.seen, self.done = {}, threading.Event()
+        self.log, self.frames, self.first = rig.path("shown.jsonl"), 0, None
+        self.begin = len(rig.addresses) * (DARKS + 1) * len(EXPOSURES_US)
+        self.at, self.seen, self.done = 0, {}, threading.Event()
         self.before = self.look()
         self.watcher = threading.Thread(target=self.watch)
         self.watcher.start()
@@ -63,15 +67,29 @@ class Account:
         return {(who, *thread): s for who, pid in self.pids.items()
                 for thread, s in threads_s(pid).items()}
 
+    def count(self):
+        if not os.path.exists(self.log):
+            return
+        with open(self.log, "rb") as file:
+            file.seek(self.at)
+            text = file.read()
+        self.at += len(text)
+        self.frames += text.count(b'"sent"')
+
     def watch(self):
         while not self.done.wait(0.1):  # threads that end take what they used with them
+            self.count()
             self.seen.update(self.look())
+            if self.first is None and self.frames >= self.begin:
+                self.before, self.first = dict(self.seen), self.frames
 
-    def ms(self, frames):
+    def ms(self):
         """{"sim camera": ms per frame ...}"""
         self.done.set()
         self.watcher.join()
+        self.count()
         self.seen.update(self.look())
+        frames = max(1, self.frames - (self.first or 0))
         total = {}
         for (who, name, number), s in self.seen.items():
             name = f"{who} {name.rstrip('0123456789')}"
@@ -176,24 +194,28 @@ def measure(rig, side, text):
                            "--json"], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
                           check=False)
     if not done.stdout:
-        account.ms(1)
+        account.ms()
         raise stage.Failed(done.stderr)
     status = json.loads(done.stdout)
     at = pulses_s(rig)
+    cost = account.ms()
     judged = rig.judge(status["id"])
-    cost = account.ms(max(1, judged["shots_stored"]))
+    cameras = rig.ask("metrics")["cameras"]
     return {"state": status["state"], "message": status["message"],
             "fps": (len(at) - 1) / (at[-1] - at[0]) if len(at) > 1 else 0,
             "shots": judged["shots_planned"], "lost": judged["shots_lost"] + status["shots_lost"],
             "mislabeled_in_log": judged["frames_mislabeled"],
             "mislabeled_in_pixels": mislabeled(rig, status["id"], side, CHANNELS),
-            "latencies": [c["latencies"] for c in rig.ask("metrics")["cameras"]],
-            "cpu_ms_per_shot": cost}
+            "latencies": [c["latencies"] for c in cameras],
+            "losses": [{key: c[key] for key in ("steps_unbound", "frames_discarded",
+                                                "packets_resent", "underruns") if c[key]}
+                       for c in cameras],
+            "cpu_ms_per_frame": cost}
 
 
 def receiving_ms(result):
     """Of the receive path, tickets and ring included."""
-    return sum(ms for name, ms in result["cpu_ms_per_shot"].items()
+    return sum(ms for name, ms in result["cpu_ms_per_frame"].items()
                if name.split(" ", 1)[1].startswith(RECEIVING))
 
 
