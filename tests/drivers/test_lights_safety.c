@@ -90,6 +90,23 @@ static void test_limits_of_the_host(void)
         judge(&asked[i]);
 }
 
+static void test_memory_of_the_host(void)
+{
+    struct ls_lights_info info = info_of();
+    static const struct ls_condition dark[5] = {{LS_CONDITION_DARK, 0, NULL}};
+    const struct ls_step step = {0, 50, 0, 0};
+    struct ls_program program = {dark, 5, &step, 1, 10000};
+    struct ls_diag diag = {0};
+    g_assert_cmpint(ls_lights_test(&info, &program, &diag), ==, LS_ERR_LIMIT);
+    g_assert_nonnull(strstr(diag.text, "5 conditions: 1 more than the controller's 4"));
+    program.n_conditions = 4;
+    info.max_program_bytes = 2 * (8 + 4 + 6) - 2; /* header, four darks, a step; less a register */
+    g_assert_cmpint(ls_lights_test(&info, &program, &diag), ==, LS_ERR_LIMIT);
+    g_assert_nonnull(strstr(diag.text, "program of 36 bytes: 2 more than the controller's memory"));
+    info.max_program_bytes += 2;
+    must(ls_lights_test(&info, &program, &diag), &diag);
+}
+
 static void refuses_work(uint16_t channel, uint16_t level, const char *sentence)
 {
     const struct ls_lights_info info = info_of();
@@ -106,7 +123,8 @@ static void test_work_of_the_host(void)
     struct ls_diag diag = {0};
     refuses_work(2, 1, "channel 2: expected 0..1");
     refuses_work(0, 40000, "level 40000: 7233 over 32767, the controller's duty of 500 permille");
-    refuses_work(0, 8000, "would draw 3.05 W, mean over a second, 0.05 W over the controller's 3.00");
+    refuses_work(0, 8000,
+                 "would draw 3.05 W, mean over a second, 0.05 W over the controller's 3.00");
     must(ls_lights_test_work(&info, 1, 7800, &diag), &diag);
     info.max_current_ma = 800;
     g_assert_cmpint(ls_lights_test_work(&info, 1, 7800, &diag), ==, LS_ERR_LIMIT);
@@ -312,6 +330,8 @@ int main(int argc, char **argv)
     g_test_init(&argc, &argv, NULL);
     g_test_add_func("/lights/every-limit-is-named-with-how-much-it-is-exceeded",
                     test_limits_of_the_host);
+    g_test_add_func("/lights/what-does-not-fit-the-controller-is-refused-with-how-much",
+                    test_memory_of_the_host);
     g_test_add_func("/lights/a-work-light-over-a-limit-is-refused-with-how-much",
                     test_work_of_the_host);
     return run_lights_tests(tests, G_N_ELEMENTS(tests));

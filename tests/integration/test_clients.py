@@ -35,7 +35,7 @@ def test_ctrl_c_aborts_the_take_and_waits_until_it_is_dark(folder):
 
 def test_a_second_ctrl_c_leaves_at_once_and_the_daemon_finishes_aborting(folder):
     # the daemon is held for a moment so that the client must wait; the dome would blank by itself
-    rig = harness.twelve(folder, simulator_extra="controller = { heartbeat_ms = 20000; };").start()
+    rig = harness.twelve(folder, controller_extra="heartbeat_ms = 20000;").start()
     client = takes.begin(rig, takes.LONG, wait=True)
     middle(rig)
     rig.daemon.child.send_signal(signal.SIGSTOP)

@@ -13,14 +13,14 @@ import pictures
 OFFSET_US = 41.3  # not the simulator's own 13.7
 
 
-def unsaid(folder, **options):
-    """A rig whose file says nothing of the offset."""
+def unsaid(folder, said="", **options):
+    """A rig whose file says nothing of the offset, or something else than is true."""
     options.setdefault("camera_extra", f"exposure_offset_us = {OFFSET_US};")
     rig = harness.twelve(folder, **options)
     rig.start_simulator()
     rig.write_configuration()
     text = stage.read(rig.path("rig.conf"))
-    changed, n = re.subn(r"exposure_offset_us = [^;]*;", "", text)
+    changed, n = re.subn(r"exposure_offset_us = [^;]*;", said, text)
     assert n == 1, text
     stage.write(rig.path("rig.conf"), changed)
     rig.write_configuration = lambda: None
@@ -97,6 +97,13 @@ def test_where_it_cannot_be_measured_the_take_is_refused_with_a_sentence(folder)
         assert code == 6, (code, err)
         takes.says(err, "exposure_offset_us", *words)
     assert os.listdir(rig.path("takes")) == []
+
+
+def test_an_offset_that_eats_a_pulse_is_refused(folder):
+    rig = unsaid(folder, said="exposure_offset_us = -300.0;")
+    code, _, err = takes.ask(rig, "preflight", "--plan", takes.plan_file(rig, plan("[300, 900]")))
+    assert code == 4, (code, err)
+    takes.says(err, "300 us and the offset of camera 0 \\(-300 us\\) leave no exposure")
 
 
 if __name__ == "__main__":

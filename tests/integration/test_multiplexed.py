@@ -112,7 +112,7 @@ def test_of_346_lights_each_is_decoded_with_the_noise_that_theory_leaves(folder)
 def test_a_row_of_174_lights_is_as_bright_as_the_current_allows(folder):
     # half of what they draw at full duty
     rig = harness.rig_of(folder, size=64, channels="W",
-                         simulator_extra="controller = { max_current_ma = 60900; };",
+                         controller_extra="max_current_ma = 60900;",
                          scene_extra=f"lights = {ALL_LIGHTS}; " + CHANNELS.split(",\n")[0] + " );")
     rig.start()
     bright = takes.plan_file(rig, plan("multiplex", 100, level="level = 65535;"))

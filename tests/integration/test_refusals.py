@@ -10,7 +10,7 @@ from harness import stage
 EACH = '{ kind = "each"; channels = ["W"]; }'
 SPHERE = '{ kind = "sphere"; channels = ["W"]; }'
 # Limits that a plan can break: the reference rig's are wider than the plan's own.
-LIMITS = "controller = { max_current_ma = 5000; min_period_us = 20000; };"
+LIMITS = "max_current_ma = 5000; min_period_us = 20000;"
 
 
 def plan(exposures="[500, 2500, 12500]", conditions=EACH, subject="still", extra="", darks=4):
@@ -63,7 +63,7 @@ def test_a_bracket_with_gaps_is_refused(folder):
 
 
 def test_what_the_controller_does_not_bear_is_refused(folder):
-    rig = harness.twelve(folder, simulator_extra=LIMITS).start()
+    rig = harness.twelve(folder, controller_extra=LIMITS).start()
     refused(rig, plan(), 6, "period 13889 us", "shorter than the controller's 20000 us")
     slow = "period_us = 20000;"
     # 12 lights x 0.7 A at full level are 8.4 A
@@ -80,7 +80,7 @@ def test_what_the_controller_does_not_bear_is_refused(folder):
 
 
 def test_a_hold_too_short_for_a_software_trigger_is_refused(folder):
-    rig = harness.twelve(folder, simulator_extra="controller = { max_hold_us = 110000; };",
+    rig = harness.twelve(folder, controller_extra="max_hold_us = 110000;",
                          rig_camera_extra='trigger = "software";').start()
     refused(rig, plan(), 6, "12500 us", "longest hold of 110000 us", "shorter exposures")
 

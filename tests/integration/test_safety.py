@@ -81,10 +81,27 @@ def test_a_pressed_emergency_stop_is_named_before_anything_else(folder):
     assert takes.exposures(rig) == fired
 
 
+LIVE = 'subject = "live"; exposures_us = [5000]; darks = 4; ' \
+       'conditions = ( { kind = "each"; channels = ["W", "R", "G", "B"]; } );\n'
+
+
+def test_a_live_subject_is_spared_the_flashes_of_a_controller_that_stalls(folder):
+    # 72 Hz as planned; 60 ms late at every fifth step, 8 times a second: the fourth flash is step 20
+    stalls = ", ".join(f'{{ kind = "stall"; at = {at}; value = 60; }}' for at in range(10, 30, 5))
+    rig = harness.twelve(folder, stalls).start()
+    code, status, err = takes.photograph(rig, LIVE)
+    assert code == 1 and status["state"] == "failed", (code, status, err)
+    takes.says(status["message"], r"the live subject saw pulses at \d", "LEDs are dark", "resume")
+    lit = [e for e in harness.shown(rig) if e["kind"] != "dark"]
+    assert max(e["step"] for e in lit) < 40, "it was shown more than was granted at the fourth flash"
+    code, status, err = takes.resume(rig, status["id"])  # one stall is left
+    assert code == 0 and status["state"] == "complete", (status, err)
+    takes.is_good(rig, status["id"], pixels=False)
+
+
 def test_power_and_work_light_over_a_limit_are_refused_with_how_much(folder):
     # twelve lights of 2.5 W at full level, 12.5 ms of every 13.9: 27 W
-    rig = harness.twelve(folder, simulator_extra="controller = { max_power_mw = 10000; "
-                                                 "max_duty_permille = 1000; };",
+    rig = harness.twelve(folder, controller_extra="max_power_mw = 10000; max_duty_permille = 1000;",
                          daemon_extra='work_light = { channel = "W"; level = 32768; };').start()
     refused(rig, harness.PLAN, "work light: the dome would draw 15.00 W", "5.00 W over", "10.00 W")
     rig.daemon_extra = ""
