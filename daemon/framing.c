@@ -48,24 +48,27 @@ static enum ls_err poll_lights(struct ls_framing *f, bool *on)
     return err;
 }
 
-static enum ls_err light(struct ls_framing *f)
+static enum ls_err open_lights(struct ls_framing *f)
 {
-    uint16_t level = (uint16_t)(65535 * f->wish.level), channel = (uint16_t)f->wish.channel;
     enum ls_err err = ls_lights_open(&f->config->lights_driver, &f->lights, &f->diag);
     if (err)
         return err;
     const struct ls_lights_info *info = ls_lights_info(f->lights);
-    if (level < 65535 && info->pwm_period_us >= SLOWEST_PWM_US)
+    if (f->wish.level < 1 && info->pwm_period_us >= SLOWEST_PWM_US)
         return ls_fail(&f->diag, LS_ERR_LIMIT,
                        "steady light: the controller dims at %u Hz, which may be seen to flicker; "
                        "expected more than 200 Hz: use full level, or none",
                        1000000 / info->pwm_period_us);
     if (info->pwm_period_us)
         f->exposure_us = ceil(f->exposure_us / info->pwm_period_us) * info->pwm_period_us;
-    err = poll_lights(f, &f->was_on);
-    if (!err)
-        err = ls_lights_set_work(f->lights, channel, level, &f->diag);
-    return err ? err : ls_lights_work(f->lights, &f->diag);
+    return poll_lights(f, &f->was_on);
+}
+
+static enum ls_err light(struct ls_framing *f)
+{
+    uint16_t level = (uint16_t)(65535 * f->wish.level), channel = (uint16_t)f->wish.channel;
+    enum ls_err err = ls_lights_set_work(f->lights, channel, level, &f->diag);
+    return err ? err : ls_lights_steady(f->lights, &f->diag);
 }
 
 static enum ls_err still_lit(struct ls_framing *f)
@@ -135,6 +138,20 @@ static enum ls_err show(struct ls_framing *f, const struct ls_camera_frame *fram
     return err;
 }
 
+/* The controller hears of us meanwhile. */
+static enum ls_err wait_for_frame(struct ls_framing *f, uint64_t patience_us,
+                                  struct ls_camera_frame *frame)
+{
+    enum ls_err err = LS_ERR_TIMEOUT;
+    for (uint64_t us = 0; err == LS_ERR_TIMEOUT && us < patience_us; us += PERIOD_US) {
+        enum ls_err lit = still_lit(f);
+        if (lit)
+            return lit;
+        err = ls_camera_next(f->camera, PERIOD_US, frame);
+    }
+    return err;
+}
+
 static enum ls_err photograph(struct ls_framing *f, unsigned *misses)
 {
     const struct ls_config_camera *config = &f->config->cameras[f->wish.camera];
@@ -142,7 +159,7 @@ static enum ls_err photograph(struct ls_framing *f, unsigned *misses)
     struct ls_camera_frame frame;
     enum ls_err err = ls_camera_trigger(f->camera, &f->diag);
     if (!err)
-        err = ls_camera_next(f->camera, patience, &frame);
+        err = wait_for_frame(f, patience, &frame);
     if (err == LS_ERR_TIMEOUT && ++*misses < MISSES)
         return LS_OK;
     if (err)
@@ -162,14 +179,15 @@ static uint64_t period_us(const struct ls_framing *f)
 
 static enum ls_err work(struct ls_framing *f)
 {
+    bool lit = f->wish.channel >= 0;
     unsigned misses = 0;
-    enum ls_err err = f->wish.channel >= 0 ? light(f) : LS_OK;
+    enum ls_err err = lit ? open_lights(f) : LS_OK;
     if (!err)
         err = start_camera(f);
+    if (!err && lit)
+        err = light(f);
     while (!err && !atomic_load(&f->stopping)) {
         err = photograph(f, &misses);
-        if (!err)
-            err = still_lit(f);
         if (!err)
             ls_host_wait(&f->stop, period_us(f));
     }

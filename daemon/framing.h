@@ -4,12 +4,11 @@
  * Ownership: configuration and preview are (transfer none) and outlive it.
  *
  * The camera is triggered by software at most ten times a second and offers its frames to the
- * preview. The light is the controller's work light (drivers/lights.h): every light of one channel,
- * by its PWM at more than 200 Hz (a slower one is refused), within its limits of duty, current and
- * power. The exposure is rounded up to whole PWM periods, so that no bands appear. Whatever ends
- * it, on return of ls_framing_end the light is out, or the configured work light if that was on
- * before. Nothing tells the controller of a daemon that dies meanwhile: the light stays, within
- * those limits.
+ * preview. The light is the controller's steady light (drivers/lights.h): every light of one
+ * channel, by its PWM at more than 200 Hz (a slower one is refused), within its limits of duty,
+ * current and power. The exposure is rounded up to whole PWM periods, so that no bands appear.
+ * Whatever ends it, on return of ls_framing_end the light is out, or the configured work light if
+ * that was on before. It is a steady light: if the daemon dies, the controller puts it out.
  */
 #ifndef LS_DAEMON_FRAMING_H
 #define LS_DAEMON_FRAMING_H

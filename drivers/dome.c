@@ -393,9 +393,18 @@ enum ls_err ls_dome_set_work(struct ls_dome *dome, uint16_t channel, uint16_t le
     return explain(dome, err, "setting the work light", diag);
 }
 
+static enum ls_err switch_on(struct ls_dome *dome, uint16_t command, struct ls_diag *diag)
+{
+    enum ls_err err = write_again(dome, LS_WIRE_CONTROL + LS_WIRE_CT_COMMAND, 1, &command, diag);
+    return explain(dome, err, "switching on the work light", diag);
+}
+
 enum ls_err ls_dome_work(struct ls_dome *dome, struct ls_diag *diag)
 {
-    uint16_t reg = LS_WIRE_WORK;
-    enum ls_err err = write_again(dome, LS_WIRE_CONTROL + LS_WIRE_CT_COMMAND, 1, &reg, diag);
-    return explain(dome, err, "switching on the work light", diag);
+    return switch_on(dome, LS_WIRE_WORK, diag);
+}
+
+enum ls_err ls_dome_steady(struct ls_dome *dome, struct ls_diag *diag)
+{
+    return switch_on(dome, LS_WIRE_STEADY, diag);
 }

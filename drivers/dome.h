@@ -28,6 +28,7 @@ LS_MUST_CHECK enum ls_err ls_dome_blank(struct ls_dome *dome, struct ls_diag *di
 LS_MUST_CHECK enum ls_err ls_dome_set_work(struct ls_dome *dome, uint16_t channel, uint16_t level,
                                            struct ls_diag *diag);
 LS_MUST_CHECK enum ls_err ls_dome_work(struct ls_dome *dome, struct ls_diag *diag);
+LS_MUST_CHECK enum ls_err ls_dome_steady(struct ls_dome *dome, struct ls_diag *diag);
 void ls_dome_close(struct ls_dome *dome);
 
 #endif

@@ -96,6 +96,11 @@ enum ls_err ls_lights_work(struct ls_lights *lights, struct ls_diag *diag)
     return ls_dome_work(lights->dome, diag);
 }
 
+enum ls_err ls_lights_steady(struct ls_lights *lights, struct ls_diag *diag)
+{
+    return ls_dome_steady(lights->dome, diag);
+}
+
 void ls_lights_close(struct ls_lights *lights)
 {
     if (!lights)

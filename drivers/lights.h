@@ -22,7 +22,8 @@
  *
  * Work light. One channel of every light at a low level, steadily, which the host names. It is on
  * when the host asks for it while nothing is armed, and comes on by itself when an armed controller
- * misses its host. arm and blank put it out, and every fault but a missed heartbeat.
+ * misses its host. A steady light is the same for a host that stays: it goes out
+ * when that is silent for a heartbeat. arm and blank put both out, and every fault but a missed heartbeat.
  *
  * A lost link. grant and poll reconnect once, check that it is the same controller, since the same
  * power-up and arm, and repeat the request, which does no harm: a mute controller blocks them for
@@ -230,6 +231,10 @@ LS_MUST_CHECK enum ls_err ls_lights_set_work(struct ls_lights *lights, uint16_t 
 /** Show it; with level 0 stay dark. LS_ERR_REFUSED while armed, hot beyond the limit, or with
  * interlock or E-stop latched; LS_ERR_TIMEOUT, LS_ERR_GONE. */
 LS_MUST_CHECK enum ls_err ls_lights_work(struct ls_lights *lights, struct ls_diag *diag);
+
+/** The same as ls_lights_work for a host that stays and polls: after heartbeat_ms without it the light
+ * goes out. */
+LS_MUST_CHECK enum ls_err ls_lights_steady(struct ls_lights *lights, struct ls_diag *diag);
 
 /** Blank if still connected and armed from here, disconnect, free: who only looked leaves another
  * host's program alone. NULL is allowed. */

@@ -129,6 +129,7 @@ enum ls_wire_command {
     LS_WIRE_RELEASE = 5,      /* of a held step */
     LS_WIRE_ALIVE = 6,        /* sign of life, nothing else */
     LS_WIRE_WORK = 7,         /* show the work light */
+    LS_WIRE_STEADY = 8,       /* the same, as long as there are signs of life */
 };
 
 enum ls_wire_state {

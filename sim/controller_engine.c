@@ -260,7 +260,9 @@ void *sim_controller_engine(void *controller)
             struct run run = {.arm = c->arm};
             run_armed(c, &run);
         } else {
-            sim_controller_wait(c, UINT64_MAX);
+            sim_controller_wait(c, c->watched ? heartbeat_ns(c) : UINT64_MAX);
+            if (c->watched && sim_now_ns() >= heartbeat_ns(c))
+                sim_controller_show_work(c, false);
         }
     }
     pthread_mutex_unlock(&c->lock);

@@ -46,6 +46,7 @@ struct sim_controller {
     bool lit, holding;
     uint16_t work_channel, work_level;
     bool working;                                /* the work light is on */
+    bool watched;                                /* ... while the host lives */
     uint64_t interlock_until_ns, estop_until_ns; /* open until; UINT64_MAX: for ever */
     uint64_t heat_until_ns, overheat_until_ns;   /* as hot as hot_c, max_c until */
     uint64_t dead_until_ns;

@@ -28,6 +28,7 @@ static int refuse_state(struct sim_controller *c)
 void sim_controller_show_work(struct sim_controller *c, bool on)
 {
     c->working = on && c->work_level;
+    c->watched &= c->working;
     if (c->hooks.work)
         c->hooks.work(c->hooks.user, sim_now_ns(), c->work_channel,
                       c->working ? c->work_level / 65535.0 : 0);
@@ -191,8 +192,18 @@ static int work(struct sim_controller *c)
         return refuse(c, LS_WIRE_REFUSED_FAULT, dangers);
     if (c->state == LS_WIRE_ARMED || c->lit)
         return refuse_state(c);
+    c->watched = false;
     sim_controller_show_work(c, true);
     return 0;
+}
+
+/** The engine keeps an eye on the host. */
+static int steady(struct sim_controller *c)
+{
+    int rc = work(c);
+    c->watched = !rc && c->working;
+    pthread_cond_broadcast(&c->wake);
+    return rc;
 }
 
 static int set_work(struct sim_controller *c, uint16_t channel, uint16_t level)
@@ -230,6 +241,8 @@ static int command(struct sim_controller *c, uint16_t value)
         return 0;
     case LS_WIRE_WORK:
         return work(c);
+    case LS_WIRE_STEADY:
+        return steady(c);
     default:
         return refuse(c, LS_WIRE_REFUSED_VALUE, value);
     }

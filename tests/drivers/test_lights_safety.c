@@ -292,6 +292,35 @@ static void test_work_alone(gconstpointer driver)
     stand_down(&s);
 }
 
+/* A host that only looks on dies. */
+static void test_steady(gconstpointer driver)
+{
+    struct sim_controller_config config = small(driver);
+    config.heartbeat_ms = 250;
+    struct stand s = stand_up(driver, &config);
+    struct ls_diag diag = {0};
+    must(ls_lights_set_work(s.lights, 1, 2000, &diag), &diag);
+    must(ls_lights_steady(s.lights, &diag), &diag);
+    gint64 now, until = g_get_monotonic_time() + 600000; /* more than two heartbeats */
+    while ((now = g_get_monotonic_time()) < until)
+        g_assert_true(status_of(s.lights).work_light);
+    until = now + 5 * G_USEC_PER_SEC;
+    while (s.dome.log->work_duty != 0 && g_get_monotonic_time() < until)
+        ; /* says nothing to the controller */
+    g_assert_cmpfloat(s.dome.log->work_duty, ==, 0);
+    struct ls_lights_status status = status_of(s.lights);
+    g_assert_false(status.work_light);
+    g_assert_cmpuint(status.faults, ==, 0);
+    must(ls_lights_steady(s.lights, &diag), &diag);
+    must(ls_lights_work(s.lights, &diag), &diag); /* that one stays */
+    until = g_get_monotonic_time() + 400000;
+    while (g_get_monotonic_time() < until)
+        g_assert_cmpfloat(s.dome.log->work_duty, >, 0);
+    must(ls_lights_blank(s.lights, &diag), &diag);
+    g_assert_false(status_of(s.lights).work_light);
+    stand_down(&s);
+}
+
 /* With the interlock open nothing shines, not even that. */
 static void test_work_interlock(gconstpointer driver)
 {
@@ -325,6 +354,7 @@ int main(int argc, char **argv)
         {"a-held-step-is-followed-by-the-dark-that-power-asks-for", test_held_power, TCP | USB},
         {"the-work-light-is-on-when-asked-and-off-when-armed-or-blanked", test_work},
         {"a-silent-host-means-the-work-light-where-there-is-one", test_work_alone},
+        {"a-steady-light-goes-out-with-its-host", test_steady},
         {"an-emergency-stop-puts-out-the-work-light-too", test_work_interlock},
     };
     g_test_init(&argc, &argv, NULL);

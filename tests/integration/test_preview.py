@@ -4,6 +4,7 @@ nobody who looks holds up."""
 import json
 import struct
 import subprocess
+import time
 
 import harness
 import takes
@@ -11,6 +12,7 @@ import wire
 from harness import stage
 
 EXPOSURE_US, PREVIEW = "20000", 18
+HEARTBEAT_S = 1.0  # the simulated controller's
 
 
 def look(rig, *options, frames=3):
@@ -80,6 +82,13 @@ def test_the_light_goes_out_with_whoever_asked_for_it(folder):
     assert client.returncode == 5, err
     takes.says(err, "all lights were turned off", "205")
     assert is_dark(rig)
+
+    client, _ = begin_looking(rig, "--exposure", EXPOSURE_US, "--light", "R")
+    rig.daemon.kill()
+    client.wait()
+    time.sleep(HEARTBEAT_S + 0.25)  # the controller's own time: nobody is left to ask it
+    rig.start_daemon()
+    assert lights_now(rig) == []
 
 
 def test_a_work_light_that_was_on_comes_back(folder):
