@@ -44,7 +44,7 @@ static int run(struct ls_command_context *context, int argc, char **argv)
         return LS_EXIT_USAGE;
     if (!path)
         return ls_command_wrong("preflight: --plan FILE is needed");
-    enum ls_err err = ls_plan_text_read(path, custom, &text, &n, &context->diag);
+    enum ls_err err = ls_plan_text_read(path, custom, false, &text, &n, &context->diag);
     if (err)
         return ls_command_failed(context, err);
     int code = ls_command_call(context, LS_MESSAGE_PREFLIGHT, &body.base, text, n, &reply);

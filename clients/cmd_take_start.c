@@ -10,18 +10,21 @@
 struct options {
     const char *name, *plan, *custom, *take; /* take: of resume */
     char token[64];
-    bool no_wait;
+    bool no_wait, sweep;
 };
 
 /* Common to start and resume; -1 = go on. */
 static int parse(struct ls_command_context *context, const struct ls_command *command, int argc,
                  char **argv, struct options *out)
 {
-    enum { NAME = 1, PLAN, CUSTOM, TOKEN, NO_WAIT };
-    static const struct option options[] = {
-        {"name", required_argument, NULL, NAME},     {"plan", required_argument, NULL, PLAN},
-        {"custom", required_argument, NULL, CUSTOM}, {"token", required_argument, NULL, TOKEN},
-        {"no-wait", no_argument, NULL, NO_WAIT},     LS_COMMON_OPTIONS};
+    enum { NAME = 1, PLAN, CUSTOM, SWEEP, TOKEN, NO_WAIT };
+    static const struct option options[] = {{"name", required_argument, NULL, NAME},
+                                            {"plan", required_argument, NULL, PLAN},
+                                            {"custom", required_argument, NULL, CUSTOM},
+                                            {"sweep", no_argument, NULL, SWEEP},
+                                            {"token", required_argument, NULL, TOKEN},
+                                            {"no-wait", no_argument, NULL, NO_WAIT},
+                                            LS_COMMON_OPTIONS};
     for (int option; (option = ls_command_option(context, command, argc, argv, options)) != -1;) {
         if (option == NAME)
             out->name = optarg;
@@ -29,6 +32,8 @@ static int parse(struct ls_command_context *context, const struct ls_command *co
             out->plan = optarg;
         else if (option == CUSTOM)
             out->custom = optarg;
+        else if (option == SWEEP)
+            out->sweep = true;
         else if (option == NO_WAIT)
             out->no_wait = true;
         else if (option != TOKEN)
@@ -87,7 +92,8 @@ static int run_start(struct ls_command_context *context, int argc, char **argv)
         return LS_EXIT_USAGE;
     if (!options.plan)
         return ls_command_wrong("take start: --plan FILE is needed");
-    enum ls_err err = ls_plan_text_read(options.plan, options.custom, &text, &n, &context->diag);
+    enum ls_err err =
+        ls_plan_text_read(options.plan, options.custom, options.sweep, &text, &n, &context->diag);
     if (err)
         return ls_command_failed(context, err);
     body.name = (char *)options.name;
@@ -104,7 +110,7 @@ static int run_resume(struct ls_command_context *context, int argc, char **argv)
     int code = parse(context, &ls_command_take_resume, argc, argv, &options);
     if (code >= 0 || !ls_command_arguments(&ls_command_take_resume, argc, 1))
         return LS_EXIT_USAGE;
-    if (options.plan || options.custom || options.name)
+    if (options.plan || options.custom || options.sweep || options.name)
         return ls_command_wrong("take resume: the plan and the name are those of the take");
     body.take = argv[optind];
     body.token = options.token;
@@ -113,7 +119,8 @@ static int run_resume(struct ls_command_context *context, int argc, char **argv)
 
 const struct ls_command ls_command_take_start = {
     "take start", "Photograph a plan and wait for its end (Ctrl-C aborts)",
-    "--plan FILE [--custom FILE] [--name NAME] [--token TOKEN] [--no-wait] [--json]", run_start};
+    "--plan FILE [--custom FILE] [--sweep] [--name NAME] [--token TOKEN] [--no-wait] [--json]",
+    run_start};
 const struct ls_command ls_command_take_resume = {"take resume", "Shoot what a take is missing",
                                                   "TAKE [--token TOKEN] [--no-wait] [--json]",
                                                   run_resume};

@@ -8,6 +8,7 @@
 #include <string.h>
 
 #define DRIFT_SIGMAS 5
+enum { ROWS_ENOUGH = 256 }; /* for the mean of a picture: beyond, some rows stand for all */
 
 struct compared {
     uint32_t camera, condition, n_colours;
@@ -23,6 +24,7 @@ struct ls_checks {
     struct compared *compared;
     uint32_t n_compared, capacity;
     struct ls_drift_seen worst;
+    struct ls_led_sweep leds;
 };
 
 struct ls_checks *ls_checks_create(const struct ls_config *config, const struct ls_plan *plan)
@@ -33,6 +35,10 @@ struct ls_checks *ls_checks_create(const struct ls_config *config, const struct 
     c->config = config;
     c->plan = plan;
     pthread_mutex_init(&c->lock, NULL);
+    if (ls_led_sweep_init(&c->leds, config, plan)) {
+        ls_checks_destroy(c);
+        return NULL;
+    }
     return c;
 }
 
@@ -43,6 +49,7 @@ void ls_checks_destroy(struct ls_checks *c)
     for (uint32_t i = 0; i < LS_MAX_CAMERAS; i++)
         for (uint32_t k = 0; k < LS_MAX_CHANNELS; k++)
             ls_picture_sums_finish(&c->first[i][k]);
+    ls_led_sweep_finish(&c->leds);
     pthread_mutex_destroy(&c->lock);
     free(c->compared);
     free(c);
@@ -151,14 +158,17 @@ enum ls_err ls_checks_picture(struct ls_checks *c, uint32_t camera, uint32_t con
                               struct ls_diag *diag)
 {
     struct ls_picture_sums sums;
+    bool reference = c->plan->conditions[condition].reference;
+    uint32_t every = reference ? 1 : 1 + picture->height / (2 * ROWS_ENOUGH);
     alarm->text[0] = 0;
-    if (!c->plan->conditions[condition].reference)
-        return LS_OK;
-    enum ls_err err = ls_picture_sums_make(picture, 1, &sums, diag);
+    enum ls_err err = ls_picture_sums_make(picture, every, &sums, diag);
     if (err)
         return err;
     pthread_mutex_lock(&c->lock);
-    err = look_at_reference(c, camera, condition, &sums, alarm, diag);
+    if (reference)
+        err = look_at_reference(c, camera, condition, &sums, alarm, diag);
+    else
+        ls_led_sweep_add(&c->leds, camera, condition, &sums);
     pthread_mutex_unlock(&c->lock);
     ls_picture_sums_finish(&sums);
     return err;
@@ -199,19 +209,25 @@ static json_t *compared_json(const struct ls_checks *c, const struct compared *n
                      now->alarm);
 }
 
-static int put(struct ls_checks *c, json_t *doc)
+static int put(struct ls_checks *c, json_t *conclusion, json_t *doc)
 {
-    int bad = 0;
+    int bad = conclusion ? json_object_set(doc, "checks", conclusion) : 0;
     if (c->n_compared && !json_is_array(json_object_get(doc, "drift")))
-        bad = json_object_set_new(doc, "drift", json_array());
+        bad |= json_object_set_new(doc, "drift", json_array());
     for (uint32_t i = 0; i < c->n_compared; i++)
         bad |=
             json_array_append_new(json_object_get(doc, "drift"), compared_json(c, &c->compared[i]));
     return bad;
 }
 
-enum ls_err ls_checks_put(struct ls_checks *c, const char *take_json, char **text,
-                          struct ls_diag *diag)
+enum ls_err ls_checks_conclude(struct ls_checks *c, const struct ls_findings *findings,
+                               json_t **conclusion, struct ls_diag *diag)
+{
+    return ls_led_sweep_conclude(&c->leds, findings, conclusion, diag);
+}
+
+enum ls_err ls_checks_put(struct ls_checks *c, json_t *conclusion, const char *take_json,
+                          char **text, struct ls_diag *diag)
 {
     json_error_t error;
     json_t *doc = json_loads(take_json, JSON_REJECT_DUPLICATES, &error);
@@ -222,7 +238,8 @@ enum ls_err ls_checks_put(struct ls_checks *c, const char *take_json, char **tex
         return LS_ERR_INVALID;
     }
     pthread_mutex_lock(&c->lock);
-    *text = put(c, doc) ? NULL : json_dumps(doc, JSON_COMPACT | JSON_REAL_PRECISION(17));
+    *text =
+        put(c, conclusion, doc) ? NULL : json_dumps(doc, JSON_COMPACT | JSON_REAL_PRECISION(17));
     pthread_mutex_unlock(&c->lock);
     json_decref(doc);
     return *text ? LS_OK : ls_fail(diag, LS_ERR_NOMEM, "out of memory writing take.json");

@@ -8,10 +8,13 @@
  * errors, is an alarm. Nothing is corrected: a drift of the light is not the same for all lights
  * and channels, and the calibration holds for lights as they were measured.
  *
+ * LEDs, clipping and ambient light: daemon/led_sweep.h.
+ *
  * Keys added to take.json:
  *   "drift" [ { "reference" "reference-W-03", "camera" 0, "change" [0.0152, ...] (relative, a
  * number per colour of the filter, R G B or mono; null where there was nothing to compare), "error"
- * [] (standard, alike), "alarm" true } ], of every run, in the order they came.
+ * [] (standard, alike), "alarm" true } ], of every run, in the order they came;
+ *   "checks" (daemon/led_sweep.h).
  */
 #ifndef LS_DAEMON_CHECKS_H
 #define LS_DAEMON_CHECKS_H
@@ -19,6 +22,7 @@
 #include "core/error.h"
 #include "core/picture_sums.h"
 #include "daemon/config.h"
+#include "daemon/led_sweep.h"
 #include "daemon/plan.h"
 
 #include <stdbool.h>
@@ -57,9 +61,14 @@ LS_MUST_CHECK enum ls_err ls_checks_adopt(struct ls_checks *checks, uint32_t cam
 
 void ls_checks_drift(struct ls_checks *checks, struct ls_drift_seen *out);
 
-/** @take_json with what was found in it. *text: (transfer full), free(). LS_ERR_INVALID (no JSON
- * object), LS_ERR_NOMEM. */
-LS_MUST_CHECK enum ls_err ls_checks_put(struct ls_checks *checks, const char *take_json,
-                                        char **text, struct ls_diag *diag);
+/** After the run. *conclusion: its "checks", NULL if there is nothing to judge; (transfer full). */
+LS_MUST_CHECK enum ls_err ls_checks_conclude(struct ls_checks *checks,
+                                             const struct ls_findings *findings,
+                                             json_t **conclusion, struct ls_diag *diag);
+
+/** @take_json with what was found in it. @conclusion may be NULL. *text: (transfer full), free().
+ * LS_ERR_INVALID (no JSON object), LS_ERR_NOMEM. */
+LS_MUST_CHECK enum ls_err ls_checks_put(struct ls_checks *checks, json_t *conclusion,
+                                        const char *take_json, char **text, struct ls_diag *diag);
 
 #endif

@@ -2,6 +2,7 @@
 
 #include "daemon/plan_between.h"
 #include "daemon/plan_conditions.h"
+#include "daemon/plan_sweep.h"
 
 #include <stdio.h>
 #include <stdlib.h>
@@ -57,7 +58,7 @@ static void make_steps(struct ls_conf *c, struct ls_plan *plan)
     for (uint32_t i = 0; i < plan->n_conditions; i++) {
         struct ls_plan_condition *cond = &plan->conditions[i];
         cond->first_step = (uint32_t)n;
-        cond->n_steps = cond->dark ? cond->repeats : plan->n_exposures;
+        cond->n_steps = cond->dark ? cond->repeats : plan->sweep ? 1 : plan->n_exposures;
         n += cond->n_steps;
     }
     if (n > MAX_STEPS) {
@@ -100,11 +101,14 @@ static void read_plan(struct ls_conf *c, struct ls_plan_builder *b)
         ls_conf_word(c, "subject", subject_words, -1) ? LS_SUBJECT_LIVE : LS_SUBJECT_STILL;
     plan->allow_flashing = ls_conf_bool(c, "allow_flashing", false);
     plan->keep_raw = ls_conf_bool(c, "keep_raw", false);
+    plan->sweep = ls_conf_bool(c, "sweep", false);
     read_exposures(c, plan);
     if (c->err)
         return;
     add_darks(c, b);
     ls_plan_read_conditions(c, b);
+    if (!c->err && plan->sweep)
+        ls_plan_make_sweep(c, b);
     if (!c->err)
         ls_plan_add_between(c, b);
     plan->settle_us = (uint32_t)ls_conf_int(c, "settle_us", SETTLE_US, 0, 1000000);

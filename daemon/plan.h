@@ -76,6 +76,7 @@ struct ls_plan {
     char name[65];
     enum ls_subject subject;
     bool allow_flashing, keep_raw;
+    bool sweep;         /* only what the checks look at: daemon/plan_sweep.h */
     uint32_t period_us; /* pulse start to pulse start, at least */
     uint32_t settle_us;
     uint32_t n_exposures; /* shortest first */

@@ -26,7 +26,7 @@ static void read_reference(struct ls_conf *c, struct between *b)
     for (uint16_t i = 0; !b->n_channels && i < config->n_channels; i++)
         if (!config->channels[i].polariser) /* white stands first on a rig */
             b->channels[b->n_channels++] = i;
-    b->every = b->n_channels ? b->every : 0;
+    b->every = b->n_channels && !b->builder->plan->sweep ? b->every : 0;
     c->err = c->err ? c->err : ls_conf_finish(&group);
 }
 

@@ -118,7 +118,7 @@ static const char *name_of(const struct ls_plan_entry *e)
     return e->builder->config->channels[e->channel].name;
 }
 
-static void add_each(struct ls_conf *c, const struct ls_plan_entry *e)
+void ls_plan_add_each(struct ls_conf *c, const struct ls_plan_entry *e)
 {
     for (uint32_t k = 0; k < e->n_lights && !c->err; k++) {
         uint32_t i = e->backwards ? e->n_lights - 1 - k : k;
@@ -160,7 +160,7 @@ static void add(struct ls_conf *c, const struct ls_plan_entry *e, const struct o
 {
     switch (o->kind) {
     case KIND_EACH:
-        add_each(c, e);
+        ls_plan_add_each(c, e);
         break;
     case KIND_SPHERE:
         ls_plan_add_sphere(c, e);
@@ -258,6 +258,25 @@ uint32_t ls_plan_read_channels(struct ls_conf *c, const struct ls_config *config
     return c->err ? 0 : (uint32_t)n;
 }
 
+void ls_plan_smooth(struct ls_conf *c, const struct ls_config *config, uint16_t *lights, uint32_t n)
+{
+    LS_CLEANUP_FREE float(*directions)[3] = calloc(n, sizeof *directions);
+    LS_CLEANUP_FREE uint32_t *order = calloc(n, sizeof *order);
+    LS_CLEANUP_FREE uint16_t *given = calloc(n, sizeof *given);
+    struct ls_diag diag = {{0}};
+    if (!directions || !order || !given) {
+        c->err = LS_ERR_NOMEM;
+        return;
+    }
+    memcpy(given, lights, n * sizeof *given);
+    for (uint32_t i = 0; i < n; i++)
+        memcpy(directions[i], config->lights[given[i]].position_m, sizeof directions[i]);
+    if (ls_smooth_order((const float(*)[3])directions, n, order, &diag))
+        ls_conf_error(c, "order", "%s", diag.text);
+    for (uint32_t i = 0; i < n && !c->err; i++)
+        lights[i] = given[order[i]];
+}
+
 /* order = "smooth" of the lights one by one; those that the plan names stay as it names them,
  * unless it says so. Returns if they are smooth. */
 static bool put_in_order(struct ls_conf *c, const struct ls_config *config, uint16_t *lights,
@@ -267,21 +286,7 @@ static bool put_in_order(struct ls_conf *c, const struct ls_config *config, uint
     bool named = config_setting_get_member(c->group, "lights") != NULL;
     if (ls_conf_word(c, "order", words, named) != 0 || c->err)
         return false;
-    LS_CLEANUP_FREE float(*directions)[3] = calloc(n, sizeof *directions);
-    LS_CLEANUP_FREE uint32_t *order = calloc(n, sizeof *order);
-    LS_CLEANUP_FREE uint16_t *given = calloc(n, sizeof *given);
-    struct ls_diag diag = {{0}};
-    if (!directions || !order || !given) {
-        c->err = LS_ERR_NOMEM;
-        return false;
-    }
-    memcpy(given, lights, n * sizeof *given);
-    for (uint32_t i = 0; i < n; i++)
-        memcpy(directions[i], config->lights[given[i]].position_m, sizeof directions[i]);
-    if (ls_smooth_order((const float(*)[3])directions, n, order, &diag))
-        ls_conf_error(c, "order", "%s", diag.text);
-    for (uint32_t i = 0; i < n && !c->err; i++)
-        lights[i] = given[order[i]];
+    ls_plan_smooth(c, config, lights, n);
     return true;
 }
 

@@ -48,6 +48,13 @@ struct ls_plan_condition *ls_plan_add_condition(struct ls_conf *conf,
 struct ls_plan_condition *
 ls_plan_add_pattern(struct ls_conf *conf, const struct ls_plan_entry *entry, const double *weights);
 
+/** The entry's lights one by one. */
+void ls_plan_add_each(struct ls_conf *conf, const struct ls_plan_entry *entry);
+
+/** Put @n rig rows in an order in which neighbours follow each other: core/smooth_order.h. */
+void ls_plan_smooth(struct ls_conf *conf, const struct ls_config *config, uint16_t *lights,
+                    uint32_t n);
+
 /** The full sphere of the entry's channel and level. NULL where the plan is full. */
 struct ls_plan_condition *ls_plan_add_sphere(struct ls_conf *conf,
                                              const struct ls_plan_entry *entry);

@@ -11,6 +11,7 @@
 #include "daemon/take_json.h"
 #include "daemon/takedir.h"
 
+#include <jansson.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -27,6 +28,7 @@ struct ls_take {
     struct ls_rig rig;
     struct ls_store *store;
     struct ls_checks *checks;
+    char said[384]; /* by the checks of a sweep */
     struct ls_capture *capture;
     uint8_t *done; /* per condition, of a resumed take */
     float **darks; /* [camera * n_exposures + exposure], of a resumed take */
@@ -397,14 +399,37 @@ static enum ls_store_state store_state(enum ls_take_state state)
     }
 }
 
-static enum ls_err put_findings(const struct ls_take *take, const char *take_json, char **text,
+/* A sweep is made for its warnings: they go to the journal and into the take's message. */
+static enum ls_err say_warnings(struct ls_take *take, const json_t *checks, struct ls_diag *diag)
+{
+    const json_t *warnings = json_object_get(checks, "warnings");
+    enum ls_err err = LS_OK;
+    snprintf(take->said, sizeof take->said, "; nothing wrong was found");
+    for (size_t i = 0; i < json_array_size(warnings) && !err; i++) {
+        const char *text = json_string_value(json_array_get(warnings, i));
+        size_t used = i ? strlen(take->said) : 0;
+        snprintf(take->said + used, sizeof take->said - used, "; %s", text);
+        err = ls_store_alarm(take->store, text, diag);
+    }
+    return err;
+}
+
+static enum ls_err put_findings(struct ls_take *take, const char *take_json, char **text,
                                 struct ls_diag *diag)
 {
     struct ls_findings findings;
     LS_CLEANUP_FREE char *found = NULL;
+    json_t *checks = NULL;
     ls_capture_findings(take->capture, &findings);
     enum ls_err err = ls_findings_put(&findings, take_json, &found, diag);
-    return err ? err : ls_checks_put(take->checks, found, text, diag);
+    if (!err)
+        err = ls_checks_conclude(take->checks, &findings, &checks, diag);
+    if (!err && checks && take->plan->sweep)
+        err = say_warnings(take, checks, diag);
+    if (!err)
+        err = ls_checks_put(take->checks, checks, found, text, diag);
+    json_decref(checks);
+    return err;
 }
 
 /* Say in take.json how it ended, what is missing and what was found; that itself can fail (disk
@@ -465,8 +490,8 @@ enum ls_take_state ls_take_run(struct ls_take *take, struct ls_capture_report *r
         ls_fail(message, LS_OK, "conditions missing after every repair: %s; resume to try again",
                 missing);
     else
-        ls_fail(message, LS_OK, "%s%s", report->repaired[0] ? "complete; repaired: " : "complete",
-                report->repaired);
+        ls_fail(message, LS_OK, "%s%s%s", report->repaired[0] ? "complete; repaired: " : "complete",
+                report->repaired, take->said);
     return state;
 }
 
