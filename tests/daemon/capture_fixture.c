@@ -282,6 +282,7 @@ void resume(struct stage *s)
     plug_in(s);
     g_assert_cmpint(ls_capture_create(&s->setup, &s->capture, &s->diag), ==, LS_OK);
     g_assert_cmpint(ls_capture_run(s->capture, &s->report, &s->diag), ==, LS_OK);
+    g_assert_cmpstr(s->report.repaired, ==, "");
     g_assert_cmpuint(fake_rig_pulses(s->rig), ==, s->plan.n_steps - done);
     g_assert_cmpuint(s->report.final.steps_planned, ==, s->plan.n_steps - done);
     g_assert_cmpuint(s->report.final.steps_bound, ==, s->plan.n_steps - done);
