@@ -18,6 +18,7 @@
 #include <stdint.h>
 
 struct ls_findings;
+struct ls_pixel_list;
 struct ls_metrics;
 struct ls_preview;
 struct ls_store;
@@ -35,6 +36,7 @@ struct ls_capture_setup {
     const uint8_t *condition_done; /* per condition: 1 = published already (resume), or NULL */
     const float *const *darks;     /* [camera * n_exposures + exposure]: the published mean darks
                                       in DN of a resumed take, NULL where not done; or NULL */
+    const struct ls_pixel_list *defects; /* per camera: found in these; or NULL */
 };
 
 /** Live numbers, readable while a take runs. */

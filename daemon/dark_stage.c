@@ -1,5 +1,7 @@
 #include "daemon/dark_stage.h"
 
+#include "core/merge.h"
+
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
@@ -19,6 +21,7 @@ void ls_dark_stage_finish(struct ls_dark_stage *stage)
     for (uint32_t i = 0; i < LS_MAX_EXPOSURES; i++) {
         ls_dark_destroy(stage->exposures[i].sum);
         free(stage->exposures[i].mean_dn);
+        free(stage->exposures[i].validity);
     }
     ls_dark_destroy(stage->watch);
     ls_pixel_list_finish(&stage->defects);
@@ -32,6 +35,19 @@ enum ls_err ls_dark_stage_expect(struct ls_dark_stage *stage, uint32_t exposure,
                           &stage->exposures[exposure].sum, diag);
 }
 
+static enum ls_err flag(struct ls_dark_stage *stage, uint32_t exposure,
+                        const struct ls_pixel_list *hot)
+{
+    uint8_t *validity = NULL;
+    if (hot->n > 0 && !(validity = calloc((size_t)stage->width * stage->height, 1)))
+        return LS_ERR_NOMEM;
+    for (uint32_t i = 0; i < hot->n; i++)
+        validity[hot->index[i]] = LS_VALIDITY_GAP;
+    free(stage->exposures[exposure].validity);
+    stage->exposures[exposure].validity = validity;
+    return LS_OK;
+}
+
 /* @variance_dn2 may be NULL. */
 static enum ls_err find_defects(struct ls_dark_stage *stage, uint32_t exposure,
                                 const float *mean_dn, const float *variance_dn2,
@@ -43,6 +59,8 @@ static enum ls_err find_defects(struct ls_dark_stage *stage, uint32_t exposure,
     stage->exposures[exposure].n_defects = hot.n;
     if (!err)
         err = ls_pixel_list_join(&stage->defects, &hot);
+    if (!err)
+        err = flag(stage, exposure, &hot);
     ls_pixel_list_finish(&hot);
     return err ? ls_fail(diag, err, "%s while looking for hot pixels", ls_err_name(err)) : LS_OK;
 }
@@ -70,6 +88,13 @@ enum ls_err ls_dark_stage_adopt(struct ls_dark_stage *stage, uint32_t exposure, 
                                       .clipped_fraction = NAN,
                                       .read_noise_dn = NAN};
     return find_defects(stage, exposure, mean_dn, NULL, diag);
+}
+
+enum ls_err ls_dark_stage_know(struct ls_dark_stage *stage, const struct ls_pixel_list *defects,
+                               struct ls_diag *diag)
+{
+    enum ls_err err = ls_pixel_list_join(&stage->defects, defects);
+    return err ? ls_fail(diag, err, "out of memory") : LS_OK;
 }
 
 enum ls_err ls_dark_stage_add(struct ls_dark_stage *stage, uint32_t exposure, const void *raw,

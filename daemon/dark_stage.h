@@ -22,6 +22,7 @@ struct ls_dark_exposure {
     float *mean_dn;             /* NULL until then */
     struct ls_dark_stats stats; /* with the mean; adopted: noise and shares are NAN */
     uint32_t n_defects;         /* found in this exposure */
+    uint8_t *validity;          /* published with the mean: LS_VALIDITY_GAP at these; NULL: none */
 };
 
 struct ls_dark_stage {
@@ -51,10 +52,16 @@ LS_MUST_CHECK enum ls_err ls_dark_stage_expect(struct ls_dark_stage *stage, uint
                                                struct ls_diag *diag);
 
 /** A mean of @n_frames from an earlier run of the take, width height floats in DN; defective pixels
- * are searched in it, without those that only show in the variance. */
+ * are searched in it, without those that only show in the variance: these stand in its published
+ * validity, see ls_dark_stage_know. */
 LS_MUST_CHECK enum ls_err ls_dark_stage_adopt(struct ls_dark_stage *stage, uint32_t exposure,
                                               uint32_t n_frames, const float *mean_dn,
                                               struct ls_diag *diag);
+
+/** Defective pixels that an earlier run of the take has found. LS_ERR_NOMEM. */
+LS_MUST_CHECK enum ls_err ls_dark_stage_know(struct ls_dark_stage *stage,
+                                             const struct ls_pixel_list *defects,
+                                             struct ls_diag *diag);
 
 /** Fold in a frame. */
 LS_MUST_CHECK enum ls_err ls_dark_stage_add(struct ls_dark_stage *stage, uint32_t exposure,

@@ -219,7 +219,9 @@ static enum ls_err init_darks(struct ls_merge_stage *stage, uint32_t index, stru
         else
             err = ls_dark_stage_expect(&camera->darks, c->exposure, diag);
     }
-    return err;
+    return err || !setup->defects
+               ? err
+               : ls_dark_stage_know(&camera->darks, &setup->defects[index], diag);
 }
 
 static void adopt_done(struct ls_merge_stage *stage, struct ls_merge_camera *camera)

@@ -177,7 +177,8 @@ static enum ls_err finish_dark(struct ls_merge_stage *stage, const struct ls_mer
     if (err)
         return ls_fail(diag, err, "%s of camera %s: %.400s", plan->conditions[condition].id,
                        stage->config.setup->config->cameras[job->camera].name, why.text);
-    struct ls_exr_mosaic mosaic = {.floats = camera->darks.exposures[exposure].mean_dn};
+    struct ls_exr_mosaic mosaic = {.floats = camera->darks.exposures[exposure].mean_dn,
+                                   .validity = camera->darks.exposures[exposure].validity};
     const struct ls_picture_times times =
         count_merged(stage, job->camera, job->bound.pulse_ns, job->bound.frame.host_ns);
     err = publish(stage, job->camera, condition, job->bound.exposure_us * 1e-6, &mosaic, &times,

@@ -2,6 +2,7 @@
 
 #include "core/exr.h"
 #include "core/half.h"
+#include "core/hot_pixels.h"
 #include "core/pixel.h"
 #include "daemon/exposure_fit.h"
 #include "daemon/findings.h"
@@ -32,6 +33,7 @@ struct ls_take {
     struct ls_capture *capture;
     uint8_t *done; /* per condition, of a resumed take */
     float **darks; /* [camera * n_exposures + exposure], of a resumed take */
+    struct ls_pixel_list defects[LS_MAX_CAMERAS]; /* found in these */
 };
 
 static double reference_exposure_s(const struct ls_take *take)
@@ -82,6 +84,32 @@ static struct ls_take_document document(const struct ls_take *take, const char *
     };
 }
 
+/* The published validity of a dark: its defective pixels, also those that its mean does not show.
+ */
+static enum ls_err load_defects(struct ls_take *take, const struct ls_published *published,
+                                const void *bytes, size_t n_bytes, uint32_t camera,
+                                struct ls_diag *diag)
+{
+    struct ls_exr_plane plane;
+    struct ls_pixel_list list = {0};
+    enum ls_err err = ls_exr_read_plane(bytes, n_bytes, "validity", DARK_LIMIT_BYTES, &plane, NULL);
+    if (err == LS_ERR_NOT_FOUND)
+        return LS_OK;
+    if (!err && plane.type != LS_EXR_HALF)
+        err = LS_ERR_INVALID;
+    if (err)
+        return ls_fail(diag, err, "%s: its validity cannot be read", published->file);
+    uint32_t n = plane.width * plane.height; /* as the journal says it, checked before */
+    list.index = malloc((n + 1) * sizeof *list.index);
+    for (uint32_t i = 0; list.index && i < n; i++)
+        if (((const uint16_t *)plane.samples)[i])
+            list.index[list.n++] = i;
+    err = list.index ? ls_pixel_list_join(&take->defects[camera], &list) : LS_ERR_NOMEM;
+    ls_pixel_list_finish(&list);
+    free(plane.samples);
+    return err ? ls_fail(diag, err, "out of memory") : LS_OK;
+}
+
 static enum ls_err load_dark(struct ls_take *take, const struct ls_takedir *dir,
                              const struct ls_published *published, uint32_t camera,
                              uint32_t exposure, struct ls_diag *diag)
@@ -104,7 +132,7 @@ static enum ls_err load_dark(struct ls_take *take, const struct ls_takedir *dir,
         return err;
     }
     take->darks[camera * take->plan->n_exposures + exposure] = image.pixels;
-    return LS_OK;
+    return load_defects(take, published, bytes, n_bytes, camera, diag);
 }
 
 /* A reference of an earlier run: what comes is compared with it. */
@@ -277,6 +305,7 @@ static enum ls_err create_capture(struct ls_take *take, struct ls_diag *diag)
         .reference_exposure_s = reference_exposure_s(take),
         .condition_done = take->done,
         .darks = (const float *const *)take->darks,
+        .defects = take->done ? take->defects : NULL,
     };
     ls_store_limit_queue(take->store, take->context->config->queue_bytes);
     return ls_capture_create(&setup, &take->capture, diag);
@@ -522,6 +551,8 @@ void ls_take_destroy(struct ls_take *take)
         for (size_t i = 0; i < (size_t)take->context->config->n_cameras * take->plan->n_exposures;
              i++)
             free(take->darks[i]);
+    for (uint32_t i = 0; i < LS_MAX_CAMERAS; i++)
+        ls_pixel_list_finish(&take->defects[i]);
     free(take->darks);
     free(take->done);
     ls_plan_destroy(take->plan);

@@ -1,0 +1,59 @@
+/*
+ * dark_stage: a pixel that only flickers is found, and known to a take that is resumed.
+ */
+#include "daemon/dark_stage.h"
+
+#include "core/merge.h"
+
+#include <glib.h>
+
+enum { WIDTH = 16, HEIGHT = 16, PIXELS = WIDTH * HEIGHT, FRAMES = 8, BLACK = 64, FLICKERS = 100 };
+
+static void must(enum ls_err err, const struct ls_diag *diag)
+{
+    g_assert_cmpstr(diag->text, ==, "");
+    g_assert_cmpint(err, ==, LS_OK);
+}
+
+/* Noise of 1 DN; one pixel swings by 20 about the same mean. */
+static void fill(uint16_t *raw, GRand *rand, int frame)
+{
+    for (int i = 0; i < PIXELS; i++)
+        raw[i] = (uint16_t)(BLACK + g_rand_int_range(rand, -1, 2));
+    raw[FLICKERS] = (uint16_t)(BLACK + (frame % 2 ? 20 : -20));
+}
+
+static void test_flicker(void)
+{
+    const struct ls_pixel_format *format = ls_pixel_by_name("Mono12");
+    struct ls_dark_stage first, resumed;
+    struct ls_diag diag = {0};
+    uint16_t raw[PIXELS];
+    GRand *rand = g_rand_new_with_seed(7);
+    ls_dark_stage_init(&first, format, WIDTH, HEIGHT, true);
+    must(ls_dark_stage_expect(&first, 0, &diag), &diag);
+    for (int i = 0; i < FRAMES; i++) {
+        fill(raw, rand, i);
+        must(ls_dark_stage_add(&first, 0, raw, &diag), &diag);
+    }
+    must(ls_dark_stage_close(&first, 0, &diag), &diag);
+    g_assert_cmpuint(first.defects.n, ==, 1);
+    g_assert_cmpuint(first.defects.index[0], ==, FLICKERS);
+    for (int i = 0; i < PIXELS; i++)
+        g_assert_cmpuint(first.exposures[0].validity[i], ==, i == FLICKERS ? LS_VALIDITY_GAP : 0);
+    ls_dark_stage_init(&resumed, format, WIDTH, HEIGHT, true);
+    must(ls_dark_stage_adopt(&resumed, 0, FRAMES, first.exposures[0].mean_dn, &diag), &diag);
+    g_assert_cmpuint(resumed.defects.n, ==, 0); /* its mean looks like any other */
+    must(ls_dark_stage_know(&resumed, &first.defects, &diag), &diag);
+    g_assert_cmpuint(resumed.defects.n, ==, 1);
+    ls_dark_stage_finish(&first);
+    ls_dark_stage_finish(&resumed);
+    g_rand_free(rand);
+}
+
+int main(int argc, char **argv)
+{
+    g_test_init(&argc, &argv, NULL);
+    g_test_add_func("/darks/a-flickering-pixel-is-known-to-a-resumed-take", test_flicker);
+    return g_test_run();
+}
