@@ -47,7 +47,7 @@ def radiance(rig, take, condition="sphere-W"):
 def test_the_offset_is_measured_and_every_width_gives_the_same_radiance(folder):
     rig = unsaid(folder, size=256)
     seen = {}
-    for exposures in ("[200]", "[1600]", "[400, 1600, 6400]"):
+    for exposures in ("[200]", "[400, 1600, 6400]"):
         code, status, err = takes.photograph(rig, plan(exposures))
         assert code == 0 and status["state"] == "complete", (status, err)
         take, camera = status["id"], camera_of(rig, status["id"])
@@ -61,7 +61,7 @@ def test_the_offset_is_measured_and_every_width_gives_the_same_radiance(folder):
         seen[exposures] = radiance(rig, take)
     base = seen["[400, 1600, 6400]"]
     for exposures, e in seen.items():
-        # in range in every one of them: at 1600 us below, at 200 us above a tenth of full scale
+        # 2 % of full scale or more at 200 us, and not clipped at 1600
         fair = (base * 1641e-6 < 0.8) & (base * 241e-6 > 0.02)
         assert fair.sum() > 2000, fair.sum()
         ratio = e[fair].sum() / base[fair].sum()
