@@ -56,7 +56,9 @@ struct ls_preflight {
     uint64_t bytes, disk_free_bytes;
     double dark_noise_share; /* of a relit picture's noise power, the part that the darks bring:
                                 N/K / (1 + N/K) for N lights and K darks */
-    char warnings[2048];     /* newline-separated, "" = none */
+    double energy_j, peak_current_a; /* of the LEDs; energy 0 where the controller tells no power */
+    double led_duty;                 /* of the busiest LED: mean over the take, [0, 1] */
+    char warnings[2048];             /* newline-separated, "" = none */
 };
 
 /** Called on ls-main when a take's status changed and every 100 ms while it runs. */

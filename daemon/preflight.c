@@ -3,6 +3,7 @@
 #include "core/exr.h"
 #include "core/merge.h"
 #include "core/multiplex.h"
+#include "daemon/plan_load.h"
 #include "daemon/flashing.h"
 
 #include <math.h>
@@ -200,6 +201,18 @@ static double seconds(const struct ls_plan *p)
     return us * 1e-6;
 }
 
+/* After check_rig and check_program: addresses exist. */
+static enum ls_err weigh(const struct ls_preflight_input *in, struct ls_preflight *out,
+                         struct ls_diag *diag)
+{
+    struct ls_plan_load load;
+    enum ls_err err = ls_plan_load(in->plan, in->lights, &load, diag);
+    out->energy_j = load.energy_j;
+    out->peak_current_a = load.peak_current_a;
+    out->led_duty = out->seconds > 0 ? load.busiest_s / out->seconds : 0;
+    return err;
+}
+
 static void warn_of_darks(const struct ls_preflight_input *in, struct ls_preflight *out)
 {
     uint32_t darks = 0, single = 0;
@@ -326,6 +339,8 @@ enum ls_err ls_preflight_check(const struct ls_preflight_input *in, struct ls_pr
         err = check_hold(in, diag);
     if (!err)
         err = ls_flashing_check(in->plan, in->config, in->lights, is_stepwise(in), diag);
+    if (!err)
+        err = weigh(in, out, diag);
     if (err)
         return err;
     warn_of_darks(in, out);

@@ -255,6 +255,9 @@ static void handle_preflight(const struct call *call)
     body.disk_free_bytes = found.disk_free_bytes;
     body.dark_noise_share = found.dark_noise_share;
     body.warnings = found.warnings;
+    body.energy_j = found.energy_j;
+    body.peak_current_a = found.peak_current_a;
+    body.led_duty = found.led_duty;
     answer(call, &body.base);
 }
 

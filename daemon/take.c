@@ -328,6 +328,7 @@ enum ls_err ls_take_create(const struct ls_take_context *context, const char *na
     }
     struct ls_take_document doc = document(take, plan_text);
     doc.token = token;
+    doc.preflight = &report;
     LS_CLEANUP_FREE char *take_json = NULL;
     err = ls_take_json_make(&doc, &take_json, diag);
     if (!err)

@@ -1,5 +1,7 @@
 #include "daemon/take_json.h"
 
+#include "daemon/engine.h"
+
 #include <jansson.h>
 #include <stdlib.h>
 #include <string.h>
@@ -168,6 +170,19 @@ static json_t *exposures_json(const struct ls_take_document *d)
     return out;
 }
 
+static json_t *preflight_json(const struct ls_preflight *p)
+{
+    json_t *warnings = json_array();
+    for (const char *line = p->warnings; *line;) {
+        size_t n = strcspn(line, "\n");
+        json_array_append_new(warnings, json_stringn(line, n));
+        line += n + (line[n] == '\n');
+    }
+    return json_pack("{sf sI sf sf sf sf so}", "seconds", p->seconds, "bytes", (json_int_t)p->bytes,
+                     "energy_j", p->energy_j, "peak_current_a", p->peak_current_a, "led_duty",
+                     p->led_duty, "dark_noise_share", p->dark_noise_share, "warnings", warnings);
+}
+
 enum ls_err ls_take_json_make(const struct ls_take_document *d, char **text, struct ls_diag *diag)
 {
     json_t *calibration = json_null();
@@ -181,6 +196,8 @@ enum ls_err ls_take_json_make(const struct ls_take_document *d, char **text, str
                             "conventions", CONVENTIONS, "plan", plan_json(d), "rig", rig_json(d),
                             "exposure_s", exposures_json(d), "reference_exposure_s",
                             d->reference_exposure_s, "calibration", calibration);
+    if (doc && d->preflight)
+        json_object_set_new(doc, "preflight", preflight_json(d->preflight));
     if (doc && d->token && *d->token)
         json_object_set_new(doc, "token", json_string(d->token));
     *text = doc ? json_dumps(doc, JSON_COMPACT | JSON_REAL_PRECISION(17)) : NULL;

@@ -22,8 +22,10 @@
  *       "exposure_offset_sigma_us" of an offset that was measured } ],
  *     "controller" { "serial", "firmware", "pwm_levels", "pwm_period_us" } },
  *   "exposure_s" [] (as used, shortest first), "reference_exposure_s",
+ *   "preflight" { "seconds", "bytes", "energy_j", "peak_current_a",
+ *     "led_duty", "dark_noise_share", "warnings" [] } (struct ls_preflight of daemon/engine.h),
  *   "calibration" (core/calibration.h) or null; "token" of the client that started it; once a run
- *   has ended "darks" and "clocks" (daemon/findings.h), "drift" (daemon/checks.h).
+ *   has ended "darks" and "clocks" (daemon/findings.h), "drift" and "checks" (daemon/checks.h).
  */
 #ifndef LS_DAEMON_TAKE_JSON_H
 #define LS_DAEMON_TAKE_JSON_H
@@ -34,6 +36,8 @@
 #include "drivers/camera.h"
 #include "drivers/lights.h"
 
+struct ls_preflight;
+
 struct ls_take_document {
     const struct ls_config *config;
     const struct ls_plan *plan;
@@ -42,6 +46,7 @@ struct ls_take_document {
     const struct ls_lights_info *lights;
     const struct ls_camera_info *const *cameras; /* config->n_cameras of them */
     double reference_exposure_s;
+    const struct ls_preflight *preflight;     /* NULL = none */
     const char *calibration_json;             /* NULL = none */
     const struct ls_calibration *calibration; /* the same, parsed */
 };

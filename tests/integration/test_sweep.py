@@ -74,5 +74,29 @@ conditions = ( { kind = "sphere"; channels = ["W"]; level = 65535; },
     assert not checks["leds"]["dead"] and not checks["leds"]["dim"], checks["leds"]
 
 
+LOAD = """subject = "still"; exposures_us = [1000, 4000]; darks = 8; period_us = 50000;
+conditions = ( { kind = "segment"; channels = ["W"]; lights = [0, 1, 4]; level = 32768; },
+               { kind = "each"; channels = ["W"]; lights = [1]; } );
+"""
+
+
+def test_a_plan_is_weighed_before_it_is_shot_and_the_take_holds_it(folder):
+    rig = harness.twelve(folder, controller_extra="led_power_mw = 2000;").start()
+    said = rig.ask("preflight", "--plan", takes.plan_file(rig, LOAD))
+    # 5 ms of three LEDs at half, 5 ms of one: 2.5 LED-times 5 ms times 2 W
+    assert abs(said["energy_j"] - 0.025) < 1e-6, said
+    assert abs(said["peak_current_a"] - 1.5 * 0.7) < 1e-4, said
+    # LED 1 is lit 5 ms at half and 5 ms whole, of 20 steps of 50 ms
+    assert abs(said["led_duty"] - 0.0075 / 1.0) < 1e-6 and abs(said["seconds"] - 1.0) < 1e-9, said
+    code, out, _ = takes.ask(rig, "preflight", "--plan", rig.path("plan.conf"))
+    takes.says(out, r"LEDs +0 J, at most 1.1 A, the busiest lit 0.75 % of the time")
+    code, status, err = takes.photograph(rig, LOAD)
+    assert code == 0, err
+    held = takes.document(rig, status["id"])["preflight"]
+    for key in ("energy_j", "peak_current_a", "led_duty", "seconds", "bytes", "dark_noise_share"):
+        assert held[key] == said[key], (key, held, said)
+    assert held["warnings"] == said["warnings"].splitlines(), held
+
+
 if __name__ == "__main__":
     harness.main(globals())
