@@ -7,6 +7,13 @@ static uint32_t least(uint32_t a, uint32_t b)
     return a < b ? a : b;
 }
 
+uint32_t ls_credit_slots(uint32_t slots, uint64_t patience_us, uint32_t period_us)
+{
+    uint64_t steps = patience_us / 2 / (period_us ? period_us : 1);
+    steps = steps < LS_CREDIT_LEAST ? LS_CREDIT_LEAST : steps;
+    return steps + LS_CREDIT_SPARE < slots ? (uint32_t)steps + LS_CREDIT_SPARE : slots;
+}
+
 uint32_t ls_credit_limit(const struct ls_credit_camera *cameras, uint32_t n_cameras,
                          uint32_t n_steps)
 {

@@ -21,7 +21,7 @@
 #include <stdbool.h>
 #include <stdint.h>
 
-enum { LS_CREDIT_SPARE = 4 };
+enum { LS_CREDIT_SPARE = 4, LS_CREDIT_LEAST = 4 };
 
 #define LS_CREDIT_PAUSE_NS 400000000ull /* 2.5 Hz */
 
@@ -30,6 +30,12 @@ struct ls_credit_camera {
     uint32_t queued;  /* slots the driver holds */
     uint32_t settled; /* steps of this program with a verdict */
 };
+
+/** How many slots to count of @slots, @period_us apart, when frames are waited for @patience_us: no
+ * more steps are under way than come in half of that, so that a camera or network half as fast as
+ * planned slows the lights and loses nothing; at least LS_CREDIT_LEAST beside the spare. RT-safe.
+ */
+uint32_t ls_credit_slots(uint32_t slots, uint64_t patience_us, uint32_t period_us);
 
 /** The most steps that may be granted; at least the fewest settled, at most @n_steps. RT-safe. */
 uint32_t ls_credit_limit(const struct ls_credit_camera *cameras, uint32_t n_cameras,

@@ -215,6 +215,11 @@ static enum ls_err watch_heat(struct run *run, bool *hot)
     return *hot && now - run->hot_since_ns > run->seq->cooling_us * 1000 ? LS_ERR_LIMIT : LS_OK;
 }
 
+static uint32_t slots_of(const struct run *run, uint32_t slots)
+{
+    return ls_credit_slots(slots, run->seq->patience_us, run->program->period_us);
+}
+
 static uint32_t credit_limit(const struct run *run, uint32_t *settled)
 {
     struct ls_credit_camera cameras[LS_MAX_CAMERAS];
@@ -222,8 +227,9 @@ static uint32_t credit_limit(const struct run *run, uint32_t *settled)
     for (uint32_t i = 0; i < run->seq->n_cameras; i++) {
         struct ls_camera_counts counts;
         ls_camera_thread_counts(run->seq->cameras[i].thread, &counts);
-        cameras[i] = (struct ls_credit_camera){.settled = counts.settled,
-                                               .queued = ls_ring_queued(run->seq->cameras[i].ring)};
+        cameras[i] = (struct ls_credit_camera){
+            .settled = counts.settled,
+            .queued = slots_of(run, ls_ring_queued(run->seq->cameras[i].ring))};
         if (counts.settled < *settled)
             *settled = counts.settled;
     }
@@ -589,7 +595,8 @@ enum ls_err ls_sequencer_run(struct ls_sequencer *sequencer, const struct ls_pro
     }
     for (uint32_t i = 0; i < sequencer->n_cameras; i++)
         run.timed_us[i][0] = run.timed_us[i][1] = sequencer->cameras[i].exposure_us;
-    ls_credit_init(&run.credit, program, slots, sequencer->live, sequencer->burst_ns);
+    ls_credit_init(&run.credit, program, slots_of(&run, slots), sequencer->live,
+                   sequencer->burst_ns);
     pthread_t thread;
     if (pthread_create(&thread, NULL, run_thread, &run))
         return ls_fail(diag, LS_ERR_OS, "cannot start the sequencer's thread");

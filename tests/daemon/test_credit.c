@@ -22,6 +22,16 @@ static void test_ring_full(void)
 
 enum { PERIOD_US = 13889, SLOTS = 32, ROOM = SLOTS - LS_CREDIT_SPARE };
 
+static void test_slow_camera(void)
+{
+    g_assert_cmpuint(ls_credit_slots(32, 536000, 13889), ==, 19 + LS_CREDIT_SPARE);
+    g_assert_cmpuint(ls_credit_slots(16, 536000, 13889), ==, 16);
+    g_assert_cmpuint(ls_credit_slots(32, 1500000, 500000), ==, LS_CREDIT_LEAST + LS_CREDIT_SPARE);
+    /* frames that come one every 27 ms, half as fast as the pulses, none too late: the first of a
+     * full pipe is had before the patience of the last is over */
+    g_assert_cmpuint(19 * 27000, <, 536000);
+}
+
 static const struct ls_condition kinds[] = {{.kind = LS_CONDITION_DARK},
                                             {.kind = LS_CONDITION_ONE}};
 
@@ -166,6 +176,7 @@ int main(int argc, char **argv)
     g_test_init(&argc, &argv, NULL);
     g_test_add_func("/credit/the-camera-with-the-least-room-counts", test_least_room);
     g_test_add_func("/credit/ring-full-stops-credit", test_ring_full);
+    g_test_add_func("/credit/a-camera-half-as-fast-as-planned-is-not-overrun", test_slow_camera);
     g_test_add_func("/credit/a-still-subject-gets-every-slot-at-once", test_still);
     g_test_add_func("/credit/a-starved-live-take-pauses-instead-of-flashing", test_starved);
     g_test_add_func("/credit/a-live-take-that-is-fed-keeps-its-rate-between-watches", test_fed);
