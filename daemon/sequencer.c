@@ -553,6 +553,11 @@ static void explain(struct run *run)
                 "the light controller fired nothing for %.1f s although granted %u steps, %u of "
                 "them fired: %scheck it, then resume the take",
                 (double)run->seq->stall_us * 1e-6, run->granted, run->seen, dark);
+    } else if ((run->err == LS_ERR_TIMEOUT || run->err == LS_ERR_GONE) && run->granted > 0) {
+        const struct ls_diag link = *run->diag;
+        ls_fail(run->diag, run->err,
+                "%.300s (step %u; %scheck its cable and power, then resume the take)", link.text,
+                step, dark);
     } else if (run->err == LS_ERR_MISMATCH && !run->diag->text[0]) {
         ls_fail(run->diag, run->err,
                 "the light controller reports steps out of order after step %u: %sresume the take",

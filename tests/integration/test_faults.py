@@ -142,7 +142,7 @@ def test_a_controller_that_dies_ends_the_take_with_a_sentence_and_a_resumable_ta
                          timeout_ms=500).start()
     code, status, err = takes.photograph(rig)
     assert code == 1 and status["state"] == "failed", (code, status, err)
-    takes.says(status["message"], "controller")
+    takes.says(status["message"], "controller", "step", "may be lit", "resume the take")
     fired = takes.exposures(rig)
     harness.wait_for("the controller answers again",
                      lambda: takes.lights_status(rig)["connected"])
