@@ -90,11 +90,14 @@ static inline enum ls_err publish(struct ls_store *store, uint32_t condition, ui
     return err;
 }
 
-static inline enum ls_err ticket(struct ls_store *store, uint32_t shot, struct ls_diag *diag)
+/* A shot of a take of @cameras. */
+static inline enum ls_err ticket_of(struct ls_store *store, uint32_t cameras, uint32_t shot,
+                                    struct ls_diag *diag)
 {
     struct ls_ticket t = {.shot = shot,
-                          .step = shot,
-                          .condition = shot,
+                          .step = shot / cameras,
+                          .camera = shot % cameras,
+                          .condition = shot / cameras,
                           .pulse_us = 1000,
                           .frame_id = shot + 1,
                           .status = LS_FRAME_OK,
@@ -103,6 +106,11 @@ static inline enum ls_err ticket(struct ls_store *store, uint32_t shot, struct l
                           .raw_bytes = 3,
                           .raw_crc32c = ls_crc32c(0, "raw", 3)};
     return ls_store_ticket(store, &t, diag);
+}
+
+static inline enum ls_err ticket(struct ls_store *store, uint32_t shot, struct ls_diag *diag)
+{
+    return ticket_of(store, 1, shot, diag);
 }
 
 static inline struct ls_takedir *open_take(const char *folder)

@@ -23,7 +23,7 @@ static void test_whole_take(void)
     g_assert_true(ls_takedir_id_ok(ls_store_id(store)));
     for (uint32_t k = 0; k < N_CONDITIONS; k++)
         for (uint32_t camera = 0; camera < 2; camera++) {
-            g_assert_cmpint(ticket(store, 2 * k + camera, NULL), ==, LS_OK);
+            g_assert_cmpint(ticket_of(store, 2, 2 * k + camera, NULL), ==, LS_OK);
             g_assert_cmpint(publish(store, k, camera, NULL), ==, LS_OK);
         }
     g_assert_cmpint(publish(store, 3, 1, NULL), ==, LS_ERR_EXISTS);
@@ -311,7 +311,7 @@ static gpointer work(gpointer user)
 {
     struct worker *worker = user;
     for (uint32_t k = 0; k < N_CONDITIONS; k++) {
-        g_assert_cmpint(ticket(worker->store, 4 * k + worker->camera, NULL), ==, LS_OK);
+        g_assert_cmpint(ticket_of(worker->store, 4, 4 * k + worker->camera, NULL), ==, LS_OK);
         g_assert_cmpint(publish(worker->store, k, worker->camera, NULL), ==, LS_OK);
     }
     return NULL;
