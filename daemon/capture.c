@@ -1,5 +1,6 @@
 #include "daemon/capture_private.h"
 
+#include "daemon/exposure_fit.h"
 #include "daemon/findings.h"
 #include "daemon/realtime.h"
 #include "daemon/takedir.h"
@@ -109,9 +110,28 @@ static enum ls_err show_work_light(struct ls_capture *c, struct ls_diag *diag)
     return ls_store_alarm(c->setup.store, text, diag);
 }
 
+/* Of cameras whose offset nobody said. */
+static enum ls_err measure_offsets(struct ls_capture *c, struct ls_diag *diag)
+{
+    const struct ls_exposure_fit with = {.config = c->setup.config,
+                                         .plan = c->setup.plan,
+                                         .lights = c->setup.lights,
+                                         .cameras = c->setup.cameras,
+                                         .abort = &c->abort};
+    if (!ls_exposure_fit_needed(c->setup.config))
+        return LS_OK;
+    enum ls_err err = ls_exposure_fit_run(&with, c->offsets, diag);
+    for (uint32_t i = 0; i < c->n_cameras && !err; i++)
+        if (ls_exposure_fit_wanted(c->setup.config, i))
+            c->sequencer.cameras[i].offset_us = c->offsets[i].us;
+    return err;
+}
+
 static enum ls_err shoot(struct ls_capture *c, struct ls_diag *diag)
 {
     enum ls_err err = name_work_light(c, diag);
+    if (!err)
+        err = measure_offsets(c, diag);
     if (!err)
         err = ls_capture_start_cameras(c, diag);
     if (!err)
@@ -160,6 +180,7 @@ void ls_capture_findings(const struct ls_capture *capture, struct ls_findings *o
                                 .n_exposures = capture->setup.plan->n_exposures,
                                 .controller = ls_find_controller(controller)};
     for (uint32_t i = 0; i < capture->n_cameras; i++) {
+        out->offsets[i] = capture->offsets[i];
         for (uint32_t e = 0; e < out->n_exposures; e++)
             out->darks[i][e] = ls_find_dark(ls_merge_stage_dark(capture->merge, i, e));
         if (!capture->threads[i])

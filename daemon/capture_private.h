@@ -7,6 +7,7 @@
 #ifndef LS_DAEMON_CAPTURE_PRIVATE_H
 #define LS_DAEMON_CAPTURE_PRIVATE_H
 
+#include "core/exposure_offset.h"
 #include "daemon/camera_thread.h"
 #include "daemon/capture.h"
 #include "daemon/merge_stage.h"
@@ -38,7 +39,8 @@ struct ls_capture {
     struct ls_merge_stage *merge;
     struct ls_sequencer sequencer;
     sem_t heard;
-    struct ls_flashing flashing; /* what a live subject has seen */
+    struct ls_exposure_offset offsets[LS_MAX_CAMERAS]; /* measured by this run: sigma above 0 */
+    struct ls_flashing flashing;                       /* what a live subject has seen */
     struct ls_warm_up warm_up;
     struct ls_pass pass;
     uint8_t *wanted;         /* per plan step */

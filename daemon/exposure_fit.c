@@ -3,6 +3,7 @@
 #include "core/pixel.h"
 #include "daemon/realtime.h"
 #include "daemon/ring.h"
+#include "daemon/sequencer.h"
 
 #include <math.h>
 #include <stdlib.h>
@@ -44,8 +45,9 @@ struct eye {
 };
 
 struct fit {
-    const struct ls_rig *rig;
+    const struct ls_exposure_fit *with;
     const struct ls_plan *plan;
+    struct ls_lights *lights;
     struct ls_diag *diag;
     uint32_t n_cameras;
     struct eye eyes[LS_MAX_CAMERAS];
@@ -59,7 +61,8 @@ struct fit {
 bool ls_exposure_fit_wanted(const struct ls_config *config, uint32_t camera)
 {
     const struct ls_config_camera *c = &config->cameras[camera];
-    return c->measure_offset && c->driver.exposure == LS_EXPOSURE_WIDTH;
+    return c->measure_offset && c->exposure_offset_sigma_us <= 0 &&
+           c->driver.exposure == LS_EXPOSURE_WIDTH;
 }
 
 bool ls_exposure_fit_needed(const struct ls_config *config)
@@ -72,60 +75,85 @@ bool ls_exposure_fit_needed(const struct ls_config *config)
 
 /* ---- one pulse ---- */
 
-static enum ls_err fire(struct fit *f, uint32_t step)
+/* Also the host's sign of life, and where it hears that it should stop. */
+static enum ls_err poll_lights(struct fit *f, bool *fired)
 {
     struct ls_lights_status status;
     struct ls_step_event event;
     size_t n = 0;
+    if (atomic_load(f->with->abort))
+        return LS_ERR_ABORTED;
+    enum ls_err err = ls_lights_poll(f->lights, &status, &event, 1, &n, f->diag);
+    if (!err && status.state == LS_LIGHTS_FAULT) {
+        char names[160];
+        ls_sequencer_fault_names(status.faults, names, sizeof names);
+        return ls_fail(f->diag, LS_ERR_REFUSED,
+                       "the light controller latched a fault (%s) while exposure offsets were "
+                       "measured: clear its cause and start again",
+                       names);
+    }
+    *fired |= n > 0;
+    return err;
+}
+
+static enum ls_err fire(struct fit *f, uint32_t step)
+{
+    bool fired = false;
     uint64_t until = ls_host_ns() + EVENT_US * 1000ull;
-    enum ls_err err = ls_lights_grant(f->rig->lights, step + 1, f->diag);
-    while (!err && n == 0) {
-        err = ls_lights_poll(f->rig->lights, &status, &event, 1, &n, f->diag);
-        if (!err && n == 0 && (status.state == LS_LIGHTS_FAULT || ls_host_ns() > until))
-            err =
-                ls_fail(f->diag, status.state == LS_LIGHTS_FAULT ? LS_ERR_REFUSED : LS_ERR_TIMEOUT,
-                        "the light controller does not fire while exposure offsets are measured");
-        if (!err && n == 0)
+    enum ls_err err = ls_lights_grant(f->lights, step + 1, f->diag);
+    while (!err && !fired) {
+        err = poll_lights(f, &fired);
+        if (!err && !fired && ls_host_ns() > until)
+            err = ls_fail(f->diag, LS_ERR_TIMEOUT,
+                          "the light controller does not fire while exposure offsets are measured");
+        if (!err && !fired)
             ls_host_rest(POLL_US);
     }
     return err;
 }
 
-/* The frame of the pulse just fired, in eye->dn; none within a second: *got false. */
-static enum ls_err see(struct fit *f, uint32_t k, bool *got)
+/* A frame, its pixels in eye->dn, its slot given back. LS_ERR_TIMEOUT: none yet. */
+static enum ls_err take_frame(struct fit *f, uint32_t k, bool *good)
 {
     struct eye *eye = &f->eyes[k];
     struct ls_camera_frame frame;
+    enum ls_err err = ls_camera_next(f->with->cameras[k], 5 * POLL_US, &frame);
+    if (!err)
+        err = ls_ring_take(eye->ring, frame.slot);
+    if (err)
+        return err;
+    *good = frame.status == LS_FRAME_OK;
+    if (*good)
+        ls_pixel_unpack(eye->format, ls_ring_payload(eye->ring, frame.slot), 0, eye->n, eye->dn);
+    err = ls_ring_give_back(eye->ring, frame.slot);
+    if (!err)
+        ls_camera_release(f->with->cameras[k], frame.slot);
+    return err;
+}
+
+/* The frame of the pulse just fired; none within a second: *got false. */
+static enum ls_err see(struct fit *f, uint32_t k, bool *got)
+{
     uint64_t until = ls_host_ns() + FRAME_US * 1000ull;
+    bool fired = false;
     enum ls_err err = LS_OK;
-    for (*got = false; !*got && !err && ls_host_ns() < until;) {
-        err = ls_camera_next(f->rig->cameras[k], POLL_US, &frame);
-        if (err == LS_ERR_TIMEOUT) {
-            err = LS_OK;
-            continue;
-        }
-        if (err || ls_ring_take(eye->ring, frame.slot))
-            break;
-        *got = frame.status == LS_FRAME_OK;
-        if (*got)
-            ls_pixel_unpack(eye->format, ls_ring_payload(eye->ring, frame.slot), 0, eye->n,
-                            eye->dn);
-        if (ls_ring_give_back(eye->ring, frame.slot))
-            return LS_ERR_BUG;
-        ls_camera_release(f->rig->cameras[k], frame.slot);
+    while (!*got && !err && ls_host_ns() < until) {
+        err = take_frame(f, k, got);
+        if (err && err != LS_ERR_TIMEOUT)
+            return ls_fail(f->diag, err, "camera %s is %s while its exposure offset is measured",
+                           f->with->config->cameras[k].name, ls_err_name(err));
+        err = *got ? LS_OK : poll_lights(f, &fired);
     }
-    return err ? ls_fail(f->diag, err, "camera %s is %s while its exposure offset is measured",
-                         f->rig->config->cameras[k].name, ls_err_name(err))
-               : LS_OK;
+    return err;
 }
 
 typedef void judge(struct fit *f, uint32_t camera, uint32_t step);
 
 static enum ls_err run(struct fit *f, judge *each)
 {
-    enum ls_err err = ls_lights_load(f->rig->lights, &f->program, NULL, f->diag);
+    enum ls_err err = ls_lights_load(f->lights, &f->program, f->with->abort, f->diag);
     if (!err)
-        err = ls_lights_arm(f->rig->lights, f->diag);
+        err = ls_lights_arm(f->lights, f->diag);
     for (uint32_t i = 0; i < f->program.n_steps && !err; i++) {
         err = fire(f, i);
         for (uint32_t k = 0; k < f->n_cameras && !err; k++) {
@@ -137,7 +165,7 @@ static enum ls_err run(struct fit *f, judge *each)
         }
     }
     struct ls_diag dark;
-    enum ls_err blanked = ls_lights_blank(f->rig->lights, err ? &dark : f->diag);
+    enum ls_err blanked = ls_lights_blank(f->lights, err ? &dark : f->diag);
     return err ? err : blanked;
 }
 
@@ -169,7 +197,7 @@ static void begin_program(struct fit *f, uint32_t pulse_us)
 
 static void make_lights(struct fit *f, uint16_t channel)
 {
-    const struct ls_lights_info *info = ls_lights_info(f->rig->lights);
+    const struct ls_lights_info *info = ls_lights_info(f->lights);
     double ma = (double)info->led_current_ma * info->n_lights;
     double full = ma > info->max_current_ma ? FULL * info->max_current_ma / ma : FULL;
     for (uint32_t i = 0; i < LEVELS; i++, full /= 4) {
@@ -181,7 +209,7 @@ static void make_lights(struct fit *f, uint16_t channel)
 /* Dimmest first; then longer at the brightest. */
 static void make_grid(struct fit *f)
 {
-    const struct ls_lights_info *info = ls_lights_info(f->rig->lights);
+    const struct ls_lights_info *info = ls_lights_info(f->lights);
     uint32_t us = 4 * base_us(info);
     begin_program(f, us);
     for (uint32_t i = 0; i < LEVELS; i++)
@@ -192,7 +220,7 @@ static void make_grid(struct fit *f)
 
 static bool in_range(const struct fit *f, uint32_t k, uint16_t dn)
 {
-    double full = f->rig->config->cameras[k].full_scale_dn;
+    double full = f->with->config->cameras[k].full_scale_dn;
     return dn >= low * full && dn <= high * full;
 }
 
@@ -247,7 +275,7 @@ static struct ls_width_signal signal_of(const struct fit *f, const struct eye *e
 static enum ls_err measure(struct fit *f, uint32_t k, struct ls_exposure_offset *out)
 {
     struct eye *eye = &f->eyes[k];
-    const char *name = f->rig->config->cameras[k].name;
+    const char *name = f->with->config->cameras[k].name;
     const struct ls_step best = f->steps[eye->best_step];
     struct ls_width_signal signals[WIDTHS];
     if (eye->n_chosen < LEAST_PIXELS)
@@ -268,14 +296,16 @@ static enum ls_err measure(struct fit *f, uint32_t k, struct ls_exposure_offset 
         signals[w] = signal_of(f, eye, w);
     if (!err)
         err = ls_exposure_offset_fit(signals, WIDTHS, out, f->diag);
+    if (err)
+        return err;
     double shortest = f->plan->pulse_us[0];
-    if (!err && out->sigma_us > fmax(enough_us, enough_share * shortest))
-        err = ls_fail(f->diag, LS_ERR_LIMIT,
-                      "camera %s: its exposure offset reads %.2f us, but only within %.2f us: set "
-                      "exposure_offset_us in the rig file, or show it something brighter",
-                      name, out->us, out->sigma_us);
+    if (out->sigma_us > fmax(enough_us, enough_share * shortest))
+        return ls_fail(f->diag, LS_ERR_LIMIT,
+                       "camera %s: its exposure offset reads %.2f us, but only within %.2f us: set "
+                       "exposure_offset_us in the rig file, or show it something brighter",
+                       name, out->us, out->sigma_us);
     out->us = round(out->us * 1e3) / 1e3;
-    return err;
+    return LS_OK;
 }
 
 /* ---- life ---- */
@@ -283,7 +313,7 @@ static enum ls_err measure(struct fit *f, uint32_t k, struct ls_exposure_offset 
 static enum ls_err open_eye(struct fit *f, uint32_t k)
 {
     struct eye *eye = &f->eyes[k];
-    const struct ls_camera_info *info = f->rig->camera_infos[k];
+    const struct ls_camera_info *info = ls_camera_info(f->with->cameras[k]);
     eye->format = ls_pixel_by_name(info->pixel_format);
     eye->n = (size_t)info->width * info->height;
     eye->dn = malloc(eye->n * sizeof *eye->dn);
@@ -297,7 +327,7 @@ static enum ls_err open_eye(struct fit *f, uint32_t k)
         return err;
     const struct ls_camera_slots slots = ls_ring_slots(eye->ring);
     ls_ring_queue(eye->ring);
-    err = ls_camera_start(f->rig->cameras[k], &slots, f->diag);
+    err = ls_camera_start(f->with->cameras[k], &slots, f->diag);
     eye->started = !err;
     return err;
 }
@@ -306,7 +336,7 @@ static void close_eye(struct fit *f, uint32_t k)
 {
     struct eye *eye = &f->eyes[k];
     if (eye->started)
-        ls_camera_stop(f->rig->cameras[k], NULL);
+        ls_camera_stop(f->with->cameras[k], NULL);
     ls_ring_destroy(eye->ring);
     free(eye->dn);
     free(eye->chosen);
@@ -320,25 +350,24 @@ static uint16_t first_channel(const struct ls_plan *plan)
     return 0;
 }
 
-enum ls_err ls_exposure_fit_run(const struct ls_rig *rig, const struct ls_plan *plan,
-                                struct ls_exposure_offset *out, struct ls_diag *diag)
+enum ls_err ls_exposure_fit_run(const struct ls_exposure_fit *with, struct ls_exposure_offset *out,
+                                struct ls_diag *diag)
 {
-    if (plan->subject == LS_SUBJECT_LIVE && !plan->allow_flashing)
-        return ls_fail(
-            diag, LS_ERR_REFUSED,
-            "the rig file does not say exposure_offset_us, and measuring it would flash "
-            "at a live subject: a take of a still subject measures it, take.json says it");
     struct fit *f = calloc(1, sizeof *f);
     if (!f)
         return ls_fail(diag, LS_ERR_NOMEM, "out of memory");
-    *f = (struct fit){.rig = rig, .plan = plan, .diag = diag, .n_cameras = rig->config->n_cameras};
+    *f = (struct fit){.with = with,
+                      .plan = with->plan,
+                      .lights = with->lights,
+                      .diag = diag,
+                      .n_cameras = with->config->n_cameras};
     enum ls_err err = LS_OK;
     for (uint32_t k = 0; k < f->n_cameras && !err; k++) {
-        f->eyes[k].wanted = ls_exposure_fit_wanted(rig->config, k);
+        f->eyes[k].wanted = ls_exposure_fit_wanted(with->config, k);
         if (f->eyes[k].wanted)
             err = open_eye(f, k);
     }
-    make_lights(f, first_channel(plan));
+    make_lights(f, first_channel(with->plan));
     make_grid(f);
     if (!err)
         err = run(f, choose);

@@ -101,6 +101,22 @@ static json_t *array_of(json_t *doc, const char *key)
     return json_object_get(doc, key);
 }
 
+/* Where the rig file's would stand; exposures are the first camera's. */
+static int put_offset(json_t *doc, uint32_t i, const struct ls_exposure_offset *offset)
+{
+    json_t *cameras = json_object_get(json_object_get(doc, "rig"), "cameras");
+    json_t *camera = json_array_get(cameras, i), *exposures = json_object_get(doc, "exposure_s");
+    if (offset->sigma_us <= 0)
+        return 0;
+    double added_s =
+        (offset->us - json_number_value(json_object_get(camera, "exposure_offset_us"))) * 1e-6;
+    for (size_t e = 0; i == 0 && e < json_array_size(exposures); e++)
+        json_real_set(json_array_get(exposures, e),
+                      json_number_value(json_array_get(exposures, e)) + added_s);
+    return json_object_set_new(camera, "exposure_offset_us", json_real(offset->us)) |
+           json_object_set_new(camera, "exposure_offset_sigma_us", json_real(offset->sigma_us));
+}
+
 static int put(const struct ls_findings *f, json_t *doc)
 {
     json_t *darks = array_of(doc, "darks"), *clocks = array_of(doc, "clocks");
@@ -109,6 +125,7 @@ static int put(const struct ls_findings *f, json_t *doc)
         char name[16];
         snprintf(name, sizeof name, "cam%u", i);
         bad |= put_clock(clocks, name, &f->cameras[i]);
+        bad |= put_offset(doc, i, &f->offsets[i]);
         for (uint32_t e = 0; e < f->n_exposures; e++)
             bad |= put_dark(darks, i, e, &f->darks[i][e]);
     }

@@ -18,6 +18,7 @@
 #define LS_DAEMON_FINDINGS_H
 
 #include "core/error.h"
+#include "core/exposure_offset.h"
 #include "daemon/camera_thread.h"
 #include "daemon/clock.h"
 #include "daemon/config.h"
@@ -44,6 +45,7 @@ struct ls_findings {
     uint32_t n_cameras, n_exposures;
     struct ls_dark_finding darks[LS_MAX_CAMERAS][LS_MAX_EXPOSURES];
     struct ls_clock_finding controller, cameras[LS_MAX_CAMERAS];
+    struct ls_exposure_offset offsets[LS_MAX_CAMERAS]; /* sigma_us 0 = not measured */
 };
 
 /** @dark may be NULL: not known. */
@@ -58,7 +60,8 @@ struct ls_clock_finding ls_find_camera(const struct ls_clock *camera,
                                        const struct ls_camera_residuals *residuals);
 
 /** @take_json with the findings in it: a dark replaces the entry of its camera and exposure unless
- * it knows less, clocks are added to those of earlier runs. *text: (transfer full), free().
+ * it knows less, clocks are added to those of earlier runs, measured exposure offsets stand where
+ * the rig's cameras have theirs. *text: (transfer full), free().
  * LS_ERR_INVALID (no JSON object), LS_ERR_NOMEM. */
 LS_MUST_CHECK enum ls_err ls_findings_put(const struct ls_findings *findings, const char *take_json,
                                           char **text, struct ls_diag *diag);

@@ -3,6 +3,7 @@
 #include "core/exr.h"
 #include "core/merge.h"
 #include "core/multiplex.h"
+#include "daemon/exposure_fit.h"
 #include "daemon/plan_load.h"
 #include "daemon/flashing.h"
 
@@ -113,6 +114,17 @@ static enum ls_err check_bracket(const struct ls_preflight_input *in, struct ls_
                            c->range_high / c->range_low);
     }
     return LS_OK;
+}
+
+static enum ls_err check_offsets(const struct ls_preflight_input *in, struct ls_diag *diag)
+{
+    if (in->plan->subject != LS_SUBJECT_LIVE || in->plan->allow_flashing ||
+        !ls_exposure_fit_needed(in->config))
+        return LS_OK;
+    return ls_fail(
+        diag, LS_ERR_REFUSED,
+        "the rig file does not say exposure_offset_us, and measuring it would flash at a "
+        "live subject: a take of a still subject measures it, take.json says it");
 }
 
 /* A held light must outlast the trigger's way, the exposure and the way of the frame. */
@@ -339,6 +351,8 @@ enum ls_err ls_preflight_check(const struct ls_preflight_input *in, struct ls_pr
         err = check_hold(in, diag);
     if (!err)
         err = ls_flashing_check(in->plan, in->config, in->lights, is_stepwise(in), diag);
+    if (!err)
+        err = check_offsets(in, diag);
     if (!err)
         err = weigh(in, out, diag);
     if (err)

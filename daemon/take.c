@@ -4,7 +4,6 @@
 #include "core/half.h"
 #include "core/hot_pixels.h"
 #include "core/pixel.h"
-#include "daemon/exposure_fit.h"
 #include "daemon/findings.h"
 #include "daemon/preflight.h"
 #include "daemon/rig.h"
@@ -24,7 +23,8 @@ enum { DARK_LIMIT_BYTES = 1 << 30 };
 struct ls_take {
     const struct ls_take_context *context; /* `own` */
     struct ls_take_context own;
-    struct ls_config config; /* the configuration, and offsets as measured; strings are its */
+    struct ls_config
+        config; /* the configuration, and offsets an earlier run measured; strings are its */
     struct ls_plan *plan;
     struct ls_rig rig;
     struct ls_store *store;
@@ -246,24 +246,6 @@ enum ls_err ls_take_preflight(const struct ls_take_context *context, const char 
     return err;
 }
 
-/* After preflight, which fires nothing; then what depends on exposures is checked once more. */
-static enum ls_err measure_offsets(struct ls_take *take, struct ls_preflight *report,
-                                   uint64_t *need_bytes, struct ls_diag *diag)
-{
-    struct ls_exposure_offset offsets[LS_MAX_CAMERAS];
-    if (!ls_exposure_fit_needed(&take->config))
-        return LS_OK;
-    enum ls_err err = ls_exposure_fit_run(&take->rig, take->plan, offsets, diag);
-    for (uint32_t k = 0; k < take->config.n_cameras && !err; k++) {
-        struct ls_config_camera *camera = &take->config.cameras[k];
-        if (!ls_exposure_fit_wanted(&take->config, k))
-            continue;
-        camera->exposure_offset_us = offsets[k].us;
-        camera->exposure_offset_sigma_us = offsets[k].sigma_us;
-    }
-    return err ? err : preflight(take, report, need_bytes, diag);
-}
-
 static enum ls_err create_store(struct ls_take *take, const char *name, const char *take_json,
                                 uint64_t need_bytes, struct ls_diag *diag)
 {
@@ -321,11 +303,6 @@ enum ls_err ls_take_create(const struct ls_take_context *context, const char *na
     enum ls_err err = prepare(context, plan_text, NULL, &take, &report, &need_bytes, diag);
     if (err)
         return err;
-    err = measure_offsets(take, &report, &need_bytes, diag);
-    if (err) {
-        ls_take_destroy(take);
-        return err;
-    }
     struct ls_take_document doc = document(take, plan_text);
     doc.token = token;
     doc.preflight = &report;

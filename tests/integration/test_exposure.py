@@ -90,13 +90,27 @@ def test_a_resumed_take_keeps_the_offset_it_began_with(folder):
 def test_where_it_cannot_be_measured_the_take_is_refused_with_a_sentence(folder):
     # a live subject would see it; a camera that sees nothing cannot tell
     rig = unsaid(folder, camera_extra="white_exposure_us = 1e7;")
-    for text, words in (
-            (plan("[500]").replace("still", "live"), ("would flash at a live subject", "take.json")),
-            (plan("[500, 2500]"), ("cannot be measured", "something brighter"))):
-        code, _, err = takes.ask(rig, "take", "start", "--plan", takes.plan_file(rig, text))
-        assert code == 6, (code, err)
-        takes.says(err, "exposure_offset_us", *words)
-    assert os.listdir(rig.path("takes")) == []
+    live = plan("[500]").replace("still", "live")
+    code, _, err = takes.ask(rig, "take", "start", "--plan", takes.plan_file(rig, live))
+    assert code == 6, (code, err)
+    takes.says(err, "exposure_offset_us", "would flash at a live subject", "take.json")
+    assert os.listdir(rig.path("takes")) == [], os.listdir(rig.path("takes"))
+    code, status, err = takes.photograph(rig, plan("[500, 2500]"))
+    assert code == 1 and status["state"] == "failed", (code, status, err)
+    takes.says(status["message"], "cannot be measured", "set exposure_offset_us", "something brighter")
+    assert takes.published(rig, status["id"]) == []
+
+
+def test_blank_ends_the_measuring_too(folder):
+    rig = unsaid(folder)
+    take = takes.begin(rig, takes.LONG)
+    takes.fire(rig, 20)  # of the hundred pulses and more that it takes
+    assert takes.ask(rig, "blank")[0] == 0
+    code, status = takes.ended(rig)
+    assert code == 1 and status["state"] == "aborted", status
+    fired = takes.exposures(rig)
+    assert fired < 90, fired
+    assert takes.published(rig, take) == []
 
 
 def test_an_offset_that_eats_a_pulse_is_refused(folder):
