@@ -4,8 +4,8 @@
 #include "core/merge.h"
 #include "core/multiplex.h"
 #include "daemon/exposure_fit.h"
-#include "daemon/plan_load.h"
 #include "daemon/flashing.h"
+#include "daemon/plan_load.h"
 
 #include <math.h>
 #include <stdarg.h>
