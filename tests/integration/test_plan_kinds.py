@@ -10,7 +10,7 @@ import pictures
 import takes
 
 LIGHTS, DROOP, PWM_STEPS = 12, 1.2, 1000
-PLAN = """subject = "still"; exposures_us = [800, 6400]; darks = 32;
+PLAN = """subject = "still"; exposures_us = [800, 6400]; darks = 32; reference = { level = 10922; };
 conditions = ( { kind = "each"; channels = ["W", "V", "H"]; },
                { kind = "sphere"; channels = ["W"]; level = 10922; },
                { kind = "segment"; channels = ["W"]; lights = [2, 3, 11]; level = 20000; },
