@@ -13,8 +13,9 @@ struct pass {
     uint32_t out_width, out_height, green_width;
     unsigned step; /* photosites between greens */
     uint16_t *row;
-    uint64_t *sums;   /* [out_width][3] of a row of blocks */
+    uint32_t *sums;   /* [out_width][3] of a row of blocks */
     float *green[3];  /* rows of the green picture, latest last */
+    float *energies;  /* of a row of it */
     uint32_t n_green; /* rows seen */
     uint64_t clipped[3], seen[3];
     double energy, total;
@@ -35,12 +36,10 @@ static double srgb(double v)
     return v <= 0.0031308 ? 12.92 * v : 1.055 * pow(v, 1 / 2.4) - 0.055;
 }
 
-static uint8_t code_of(const struct pass *pass, uint64_t sum, uint32_t n)
+static uint8_t code_of(const struct pass *pass, uint32_t sum, float per_dn, float at_zero)
 {
-    const struct ls_preview_params *p = pass->p;
-    double mean = n ? (double)sum / n : p->black_dn;
-    double v = (mean - p->black_dn) / (p->full_scale_dn - p->black_dn);
-    return pass->curve[(int)lrint(fmin(fmax(v, 0), 1) * CURVE)];
+    float at = (float)sum * per_dn + at_zero;
+    return pass->curve[at <= 0 ? 0 : at >= CURVE ? CURVE : (int)(at + 0.5f)];
 }
 
 /* Photosites of a colour in a block: a quarter, of green half. */
@@ -52,40 +51,66 @@ static uint32_t in_block(const struct pass *pass, unsigned channel)
 
 static void put_row(struct pass *pass, uint8_t *rgb)
 {
-    bool mono = pass->p->format->cfa == LS_CFA_NONE;
-    for (uint32_t x = 0; x < pass->out_width; x++)
-        for (unsigned c = 0; c < 3; c++)
-            rgb[3 * x + c] = mono ? code_of(pass, pass->sums[3 * x], pass->p->bin * pass->p->bin)
-                                  : code_of(pass, pass->sums[3 * x + c], in_block(pass, c));
+    const struct ls_preview_params *p = pass->p;
+    bool mono = p->format->cfa == LS_CFA_NONE;
+    double range = (p->full_scale_dn - p->black_dn) / CURVE;
+    for (unsigned c = 0; c < 3; c++) {
+        uint32_t n = mono ? p->bin * p->bin : in_block(pass, c);
+        float per_dn = (float)(1 / (n * range)), at_zero = (float)(-p->black_dn / range);
+        for (uint32_t x = 0; x < pass->out_width; x++)
+            rgb[3 * x + c] = code_of(pass, pass->sums[3 * x + (mono ? 0 : c)], per_dn, at_zero);
+    }
     memset(pass->sums, 0, 3 * pass->out_width * sizeof *pass->sums);
+}
+
+static void count_clipped(struct pass *pass, const unsigned channel[2])
+{
+    uint32_t clip = (uint32_t)fmin(ceil(pass->p->full_scale_dn), 65536), n[2] = {0, 0};
+    uint32_t width = pass->p->width;
+    for (uint32_t x = 0; x + 1 < width; x += 2) {
+        n[0] += pass->row[x] >= clip;
+        n[1] += pass->row[x + 1] >= clip;
+    }
+    n[0] += width & 1 && pass->row[width - 1] >= clip;
+    for (unsigned i = 0; i < 2; i++) {
+        pass->clipped[channel[i]] += n[i];
+        pass->seen[channel[i]] += (width + 1 - i) / 2;
+    }
 }
 
 static void add_row(struct pass *pass, uint32_t y)
 {
-    const struct ls_preview_params *p = pass->p;
-    unsigned channel[2] = {ls_cfa_channel(p->format->cfa, 0, y),
-                           ls_cfa_channel(p->format->cfa, 1, y)};
-    bool inside = y < pass->out_height * p->bin;
-    for (uint32_t x = 0; x < p->width; x++) {
-        unsigned c = channel[x & 1];
-        pass->clipped[c] += pass->row[x] >= p->full_scale_dn;
-        pass->seen[c]++;
-        if (inside && x < pass->out_width * p->bin)
-            pass->sums[3 * (x / p->bin) + c] += pass->row[x];
+    enum ls_cfa cfa = pass->p->format->cfa;
+    const unsigned channel[2] = {ls_cfa_channel(cfa, 0, y), ls_cfa_channel(cfa, 1, y)};
+    uint32_t bin = pass->p->bin;
+    count_clipped(pass, channel);
+    if (y >= pass->out_height * bin)
+        return;
+    for (uint32_t block = 0; block < pass->out_width; block++) {
+        const uint16_t *from = pass->row + (size_t)block * bin;
+        uint32_t sum[2] = {0, 0};
+        for (uint32_t x = 0; x < bin; x += 2) {
+            sum[0] += from[x];
+            sum[1] += from[x + 1];
+        }
+        pass->sums[3 * block + channel[0]] += sum[0];
+        pass->sums[3 * block + channel[1]] += sum[1];
     }
 }
 
 static void add_gradients(struct pass *pass)
 {
     const float *a = pass->green[0], *b = pass->green[1], *c = pass->green[2];
-    double energy = 0;
-    for (uint32_t x = 1; x + 1 < pass->green_width; x++) {
-        float gx = (a[x + 1] - a[x - 1]) + 2 * (b[x + 1] - b[x - 1]) + (c[x + 1] - c[x - 1]);
-        float gy = (c[x - 1] - a[x - 1]) + 2 * (c[x] - a[x]) + (c[x + 1] - a[x + 1]);
-        energy += (double)(gx * gx + gy * gy);
+    uint32_t n = pass->green_width - 2;
+    float *energies = pass->energies;
+    for (uint32_t x = 0; x < n; x++) {
+        float gx = (a[x + 2] - a[x]) + 2 * (b[x + 2] - b[x]) + (c[x + 2] - c[x]);
+        float gy = (c[x] - a[x]) + 2 * (c[x + 1] - a[x + 1]) + (c[x + 2] - a[x + 2]);
+        energies[x] = gx * gx + gy * gy;
     }
-    pass->energy += energy / 64; /* Sobel's weights: a slope of 1 per step gives 8 */
-    pass->n_energy += pass->green_width - 2;
+    for (uint32_t x = 0; x < n; x++)
+        pass->energy += (double)energies[x] / 64; /* Sobel's weights: a slope of 1 gives 8 */
+    pass->n_energy += n;
 }
 
 /* The green photosite of each pair of columns in every other row, of a mono camera everything. */
@@ -128,11 +153,13 @@ static enum ls_err begin(struct pass *pass, const struct ls_preview_params *p)
     pass->green_width = p->width / pass->step;
     pass->row = malloc(p->width * sizeof *pass->row);
     pass->sums = calloc(3 * pass->out_width, sizeof *pass->sums);
+    pass->energies = malloc(pass->green_width * sizeof *pass->energies);
     for (int i = 0; i < 3; i++)
         pass->green[i] = malloc(pass->green_width * sizeof *pass->green[i]);
     for (int i = 0; i <= CURVE; i++)
         pass->curve[i] = (uint8_t)lrint(255 * srgb((double)i / CURVE));
-    return pass->row && pass->sums && pass->green[0] && pass->green[1] && pass->green[2]
+    return pass->row && pass->sums && pass->energies && pass->green[0] && pass->green[1] &&
+                   pass->green[2]
                ? LS_OK
                : LS_ERR_NOMEM;
 }
@@ -141,6 +168,7 @@ static void end(struct pass *pass)
 {
     free(pass->row);
     free(pass->sums);
+    free(pass->energies);
     for (int i = 0; i < 3; i++)
         free(pass->green[i]);
 }
@@ -157,8 +185,8 @@ enum ls_err ls_preview_make(const struct ls_preview_params *p, const void *raw, 
                             struct ls_preview_figures *figures)
 {
     struct pass pass;
-    if (!p->format || p->bin == 0 || p->bin % 2 || p->width < p->bin || p->height < p->bin ||
-        !(p->black_dn < p->full_scale_dn))
+    if (!p->format || p->bin == 0 || p->bin % 2 || p->bin > LS_PREVIEW_MOST_BIN ||
+        p->width < p->bin || p->height < p->bin || !(p->black_dn < p->full_scale_dn))
         return LS_ERR_INVALID;
     enum ls_err err = begin(&pass, p);
     for (uint32_t y = 0; !err && y < p->height; y++) {

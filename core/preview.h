@@ -25,12 +25,14 @@
 
 #include <stdint.h>
 
+enum { LS_PREVIEW_MOST_BIN = 256 };
+
 struct ls_preview_params {
     const struct ls_pixel_format *format;
     uint32_t width, height; /* of the raw frame, px */
     double black_dn, full_scale_dn;
     double electrons_per_dn, read_noise_dn;
-    uint32_t bin; /* ls_preview_bin's, or another even number */
+    uint32_t bin; /* even, at most LS_PREVIEW_MOST_BIN; ls_preview_bin's, say */
 };
 
 struct ls_preview_figures {
@@ -50,8 +52,8 @@ static inline uint32_t ls_preview_size(uint32_t px, uint32_t bin)
 
 /**
  * @raw: ls_pixel_payload_bytes. @rgb: [height / bin][width / bin][3]. Errors: LS_ERR_INVALID (no
- * format, odd bin, a frame smaller than a block, black not below full scale), LS_ERR_NOMEM (rows on
- * the way).
+ * format, a bin that is odd or too large, a frame smaller than a block, black not below full
+ * scale), LS_ERR_NOMEM (rows on the way).
  */
 LS_MUST_CHECK enum ls_err ls_preview_make(const struct ls_preview_params *params, const void *raw,
                                           uint8_t *rgb, struct ls_preview_figures *figures);

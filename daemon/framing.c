@@ -57,7 +57,7 @@ static enum ls_err open_lights(struct ls_framing *f)
     if (f->wish.level < 1 && info->pwm_period_us >= SLOWEST_PWM_US)
         return ls_fail(&f->diag, LS_ERR_LIMIT,
                        "steady light: the controller dims at %u Hz, which may be seen to flicker; "
-                       "expected more than 200 Hz: use full level, or none",
+                       "expected more than 200 Hz: look without a light",
                        1000000 / info->pwm_period_us);
     if (info->pwm_period_us)
         f->exposure_us = ceil(f->exposure_us / info->pwm_period_us) * info->pwm_period_us;
@@ -170,11 +170,11 @@ static enum ls_err photograph(struct ls_framing *f, unsigned *misses)
 
 /* ---- the thread ---- */
 
-static uint64_t period_us(const struct ls_framing *f)
+/* Beside the exposure, which is waited for in photograph. */
+static uint64_t pause_us(const struct ls_framing *f)
 {
     double fps = f->config->cameras[f->wish.camera].max_fps;
-    double least = fps > 0 ? 1e6 / fps + f->exposure_us : f->exposure_us;
-    return least > PERIOD_US ? (uint64_t)least : PERIOD_US;
+    return fps > 0 && 1e6 / fps > PERIOD_US ? (uint64_t)(1e6 / fps) : PERIOD_US;
 }
 
 static enum ls_err work(struct ls_framing *f)
@@ -189,7 +189,7 @@ static enum ls_err work(struct ls_framing *f)
     while (!err && !atomic_load(&f->stopping)) {
         err = photograph(f, &misses);
         if (!err)
-            ls_host_wait(&f->stop, period_us(f));
+            ls_host_wait(&f->stop, pause_us(f));
     }
     return atomic_load(&f->stopping) ? LS_OK : err;
 }
@@ -217,8 +217,8 @@ static enum ls_err check(const struct ls_config *config, const struct ls_framing
     if (!(wish->exposure_us >= 1 && wish->exposure_us <= 1e6))
         return ls_fail(diag, LS_ERR_INVALID, "exposure of %g us: expected 1 to 1000000",
                        wish->exposure_us);
-    if (wish->channel >= 0 && !(wish->level > 0 && wish->level <= 1))
-        return ls_fail(diag, LS_ERR_INVALID, "level %g: expected above 0, at most 1", wish->level);
+    if (wish->channel >= 0 && !(wish->level * 65535 >= 1 && wish->level <= 1))
+        return ls_fail(diag, LS_ERR_INVALID, "level %g: expected 1/65535 to 1", wish->level);
     return LS_OK;
 }
 

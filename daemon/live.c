@@ -2,7 +2,7 @@
 
 #include "daemon/session.h"
 
-enum { LOOK_MS = 50 };
+enum { LOOK_MS = 100 };
 
 static void look_at(struct ls_service *service, uint32_t camera)
 {

@@ -7,7 +7,7 @@
 
 #include "daemon/service.h"
 
-/** Twenty times a second from now on, as long as a session looks: send what there is to those who
+/** Ten times a second from now on, as long as a session looks: send what there is to those who
  * have room for it, want the next for them, and tell whose live view has ended. */
 void ls_live_begin(struct ls_service *service);
 

@@ -6,7 +6,8 @@
  *
  * A picture is made only while one is wanted: the first frame offered then is made into it, by the
  * thread that has the frame; all others pass. So a client that does not read costs a take nothing,
- * and one that does a frame's reduction (core/preview.h) as often as it takes pictures.
+ * and one that does a frame's reduction (core/preview.h) as often as it takes pictures: ten times a
+ * second at most, 8 ms of a core each for 2048 x 2048 in 8 bit.
  */
 #ifndef LS_DAEMON_PREVIEW_H
 #define LS_DAEMON_PREVIEW_H
