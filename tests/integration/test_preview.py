@@ -126,8 +126,8 @@ def deaf_client(rig):
 
 
 def test_nobody_who_looks_holds_a_take_up(folder):
-    # a picture has 192 KiB: a few, and the sockets are full
-    rig = harness.twelve(folder, scene="stamp", size=512).start()
+    # a picture has 108 KiB: four, and a socket is full
+    rig = harness.twelve(folder, scene="stamp", size=384).start()
     deaf = [deaf_client(rig) for _ in range(3)]
     with open(rig.path("seen"), "w", encoding="utf-8") as seen:
         client = subprocess.Popen(takes.ctl(rig, "preview", "--json"), stdout=seen, stderr=seen,
@@ -135,7 +135,7 @@ def test_nobody_who_looks_holds_a_take_up(folder):
     code, status, err = takes.photograph(rig, takes.LONG)
     client.kill()
     client.wait()
-    assert code == 0 and status["shots_lost"] == 0, (err, status)
+    assert code == 0 and status["shots_lost"] == 0, (err, status, rig.ask("metrics"))
     takes.is_good(rig, status["id"])
     pictures = [json.loads(line) for line in stage.read(rig.path("seen")).splitlines()]
     skipped = rig.ask("metrics")["pictures_skipped"]
