@@ -9,9 +9,10 @@
  * Accuracy: within 1e-6 of ls_merge_rows' variance, relative, where no exposure is in range; where
  * shot noise rules it is off by at most as much as E is by its own noise (E of SNR 50: 2 % rms of a
  * pixel, below 0.1 % of the mean over 4000). At an edge of the range the merge may have used one
- * exposure more or less than this: of exposures 4 apart a factor of 4 to 20. Of a pixel that
+ * exposure more or less than this: of exposures 4 apart a factor of 5 (shot noise) to 17 (read
+ * noise) at the upper edge, at most 1.25 at the lower. Of a pixel that
  * ls_merge_rows replaced as defective it is the variance of an ordinary pixel that reads the same,
- * up to four times its own.
+ * up to three times its own (that of a mean of one to three neighbours).
  */
 #ifndef LS_CORE_MERGE_VARIANCE_H
 #define LS_CORE_MERGE_VARIANCE_H
