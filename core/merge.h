@@ -3,9 +3,9 @@
  * Layer: core. Threads: any; a pure function over spans, so several threads may share an image by
  * rows: every split gives the same bits. Ownership: everything is the caller's.
  *
- * Source: method.md section 1, the optimal linear estimator of inverse-variance weighting.
- * With y = x - D (raw minus mean dark, DN), t the exposure and sigma^2 its modelled variance, the
- * estimate over a set S of exposures is
+ * Source: the optimal linear estimator, of inverse-variance weighting (Aitken, On Least Squares,
+ * Proc. R. Soc. Edinburgh 55, 1935). With y = x - D (raw minus mean dark, DN), t the exposure and
+ * sigma^2 its modelled variance, the estimate over a set S of exposures is
  *
  *     E_S = sum_S w' y / sum_S w' t,   w' = t / sigma^2,   Var E_S = 1 / sum_S w' t.
  *
