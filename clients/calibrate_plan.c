@@ -124,8 +124,8 @@ static enum ls_err write_text(const struct ls_calibrate_plan *plan, const config
     }
     if (out && !fclose(out))
         return LS_OK;
-    if (out)
-        free(*text);
+    free(*text);
+    *text = NULL;
     return ls_fail(diag, LS_ERR_NOMEM, "out of memory for a plan");
 }
 
