@@ -13,7 +13,7 @@
  *
  * Memory: beyond the mapped pictures and what has been handed out, below 256 MiB for pictures 2048
  * pixels wide, the making of maps included, of as many as open accepts at once (measured: one 33 to
- * 119 MiB, 7 to 62 of them 199 to 227). The maps are the exception: they lie in files of the storage
+ * 119 MiB, 7 to 62 of them 191 to 231). The maps are the exception: they lie in files of the storage
  * folder (daemon/map_file.h), whose pages the kernel may take back: 12 bytes for each pixel and
  * promoted spectrum, LINEAR on RGB 36 (daemon/README.md has the rest), so of five spectra 252 and
  * 755 MB for 2048 x 2048.
