@@ -16,7 +16,7 @@
  * planned: its step, camera, condition, exposure and pulse are those that take.json gives the shot;
  * fired: no two steps were fired by one pulse (the same moment of the controller's clock);
  * received: no two shots of a camera have one frame (the same moment of its clock, or of arrival).
- * Moments of 0 were not said.
+ * Moments of 0 were not said; without conditions in take.json the first is left out.
  */
 void ls_take_check_links(const struct ls_takedir *take, GString *text);
 
