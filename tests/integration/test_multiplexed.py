@@ -129,8 +129,8 @@ def test_a_row_of_174_lights_is_as_bright_as_the_current_allows(folder):
     takes.interrupt(client)
     assert client.wait(30) == 130
     rig.stop()
-    rig.scene = (*rig.scene[:4], "")
-    rig.write_simulator("max_current_ma = 50000;")
+    rig.controller_extra = "max_current_ma = 50000;"
+    rig.write_simulator("")
     rig.start()
     code, _, err = takes.resume(rig, rig.takes()[-1]["id"])
     assert code == 5, (code, err)
