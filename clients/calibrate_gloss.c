@@ -157,24 +157,10 @@ static enum ls_err conclude(struct work *w)
     return LS_OK;
 }
 
-static bool find_polarisers(struct work *w)
-{
-    const struct ls_take_document *d = w->take->document;
-    uint32_t found[LS_DOCUMENT_CHANNELS], n = 0;
-    for (uint32_t c = 0; c < d->n_channels; c++)
-        if (!d->channels[c].spectrum)
-            found[n++] = c;
-    if (n != 2)
-        return false;
-    w->vertical = found[0];
-    w->horizontal = found[1];
-    return true;
-}
-
 static enum ls_err choose(struct work *w, const struct ls_lit_picture **pictures)
 {
     struct ls_diag *diag = &w->take->context->diag;
-    if (!find_polarisers(w))
+    if (!ls_take_document_polarisers(w->take->document, &w->vertical, &w->horizontal))
         return ls_fail(
             diag, LS_ERR_STATE,
             "the rig has no vertical and horizontal polariser: leave the black sphere out");

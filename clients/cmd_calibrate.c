@@ -261,10 +261,8 @@ static int measure(struct calibration *c, enum ls_calibrate_object object)
 
 static bool has_polarisers(const struct ls_take_document *d)
 {
-    uint32_t n = 0;
-    for (uint32_t i = 0; i < d->n_channels; i++)
-        n += !d->channels[i].spectrum;
-    return n == 2;
+    uint32_t vertical, horizontal;
+    return ls_take_document_polarisers(d, &vertical, &horizontal);
 }
 
 static int need_polarisers(const struct calibration *c)

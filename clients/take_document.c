@@ -219,6 +219,30 @@ enum ls_err ls_take_document_parse(const char *text, size_t n, uint32_t camera,
     return err;
 }
 
+static uint32_t polariser_called(const struct ls_take_document *d, const char *name)
+{
+    uint32_t c = 0;
+    while (c < d->n_channels && (d->channels[c].spectrum || strcmp(d->channels[c].name, name) != 0))
+        c++;
+    return c;
+}
+
+bool ls_take_document_polarisers(const struct ls_take_document *d, uint32_t *vertical,
+                                 uint32_t *horizontal)
+{
+    uint32_t found[LS_DOCUMENT_CHANNELS] = {0}, n = 0;
+    for (uint32_t c = 0; c < d->n_channels; c++)
+        if (!d->channels[c].spectrum)
+            found[n++] = c;
+    *vertical = polariser_called(d, "V");
+    *horizontal = polariser_called(d, "H");
+    if (*vertical == d->n_channels || *horizontal == d->n_channels) {
+        *vertical = found[0];
+        *horizontal = found[1];
+    }
+    return n >= 2;
+}
+
 int ls_take_document_get(struct ls_command_context *context, const char *take, uint32_t camera,
                          struct ls_take_document **out)
 {

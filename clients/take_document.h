@@ -52,6 +52,11 @@ LS_MUST_CHECK enum ls_err ls_take_document_parse(const char *text, size_t n, uin
                                                  struct ls_take_document **out,
                                                  struct ls_diag *diag);
 
+/** Channels behind a vertical and a horizontal polariser: V and H where two polarisers are called
+ * so, else the first two, as the daemon has it. false: there are no two. RT-safe. */
+bool ls_take_document_polarisers(const struct ls_take_document *document, uint32_t *vertical,
+                                 uint32_t *horizontal);
+
 /** NULL is allowed. */
 void ls_take_document_destroy(struct ls_take_document *document);
 

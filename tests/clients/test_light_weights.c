@@ -626,9 +626,39 @@ static void a_model_uses_the_spectra_it_is_served(void)
         }
 }
 
+/* The daemon's rule (daemon/field_pictures.c): a calibration by the other way round would exchange
+ * a_V and a_H. */
+static void polarisers_go_by_name_and_else_by_order(void)
+{
+    static const struct {
+        const char *names[4]; /* the first is a spectrum, whatever it is called */
+        bool pair;
+        uint32_t vertical, horizontal;
+    } cases[] = {
+        {{"W", "V", "H", NULL}, true, 1, 2}, {{"W", "H", "V", NULL}, true, 2, 1},
+        {{"W", "P", "H", "V"}, true, 3, 2},  {{"W", "up", "level", NULL}, true, 1, 2},
+        {{"V", "H", "P", NULL}, true, 1, 2}, {{"W", "H", NULL, NULL}, false, 0, 0},
+    };
+    for (size_t i = 0; i < G_N_ELEMENTS(cases); i++) {
+        struct ls_take_document document = {0};
+        uint32_t vertical, horizontal;
+        for (int c = 0; c < 4 && cases[i].names[c]; c++) {
+            g_strlcpy(document.channels[c].name, cases[i].names[c], 32);
+            document.channels[c].spectrum = c == 0;
+            document.n_channels++;
+        }
+        bool pair = ls_take_document_polarisers(&document, &vertical, &horizontal);
+        g_assert_true(pair == cases[i].pair);
+        g_assert_cmpuint(pair ? vertical : 0, ==, cases[i].vertical);
+        g_assert_cmpuint(pair ? horizontal : 0, ==, cases[i].horizontal);
+    }
+}
+
 int main(int argc, char **argv)
 {
     g_test_init(&argc, &argv, NULL);
+    g_test_add_func("/take-document/polarisers-go-by-name-and-else-by-order",
+                    polarisers_go_by_name_and_else_by_order);
     g_test_add_func("/light-weights/damping-is-of-the-mean-diagonal",
                     damping_is_of_the_mean_diagonal);
     g_test_add_func("/light-weights/a-row-counts-as-much-as-it-is-told",
