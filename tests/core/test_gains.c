@@ -56,7 +56,9 @@ static double check_gains(const struct grey_bench *b, const struct ls_grey *m,
                    "within 1 sigma; %u one-sided: worst %.2f %%; chi2 %.2f",
                    *n, 100 * worst, 100 * sqrt(square / *n), 100 * common, 100 * gains->sigma_mean,
                    100 * within / *n, m->n_lights - *n, 100 * worst_sided, gains->chi2);
-    g_assert_cmpfloat(worst, <, 0.005); /* the calibration's promise */
+    /* what core/gains.h says of these rigs; 0.5 % is the calibration's promise */
+    static const double stated[] = {0.0048, 0.0027, 0.0017, 0.0014};
+    g_assert_cmpfloat(worst, <, stated[g->cameras - 1]);
     /* lights that nobody sees are off by what they were drawn: 3.5 sigma is one in 2000 */
     g_assert_cmpfloat(worst_sided, <, 3.5 * g->spread);
     g_assert_cmpfloat(fabs(common), <, 3 * gains->sigma_mean);
@@ -86,7 +88,7 @@ static void check_directions(const struct grey_bench *b, const struct ls_grey *m
     }
     g_test_message("%u directions: worst %.3f, rms %.3f degrees, error over sigma %.2f", n, worst,
                    sqrt(square / n), sqrt(z2 / n));
-    g_assert_cmpfloat(worst, <, 0.5); /* the calibration's promise */
+    g_assert_cmpfloat(worst, <, 0.1); /* core/grey_sphere.h; 0.5 is the calibration's promise */
     /* honest: the rms of n > 200 pairs over sigma lies within 15 % of 1, plus what the sphere's own
      * place may add */
     g_assert_cmpfloat(sqrt(z2 / n), <, 1.3);
@@ -104,7 +106,8 @@ static void check_factors(const struct grey_bench *b, const struct ls_grey *m)
         g_test_message("%s: %.5f +- %.5f, truth %.5f, of %u pictures", f->pattern, f->value.factor,
                        f->value.sigma, t, f->pictures);
         g_assert_cmpuint(f->pictures, ==, m->n_cameras * (full ? 1 : GREY_GROUPS));
-        g_assert_cmpfloat(fabs(f->value.factor / t - 1), <, 0.005); /* the promise */
+        /* core/grey_sphere.h; 0.5 % is the promise */
+        g_assert_cmpfloat(fabs(f->value.factor / t - 1), <, full ? 0.001 : 0.0002);
         /* 4.5 sigma is one in 150000; merged pictures may be off by 0.01 % of a sum, at the edges
          * of the exposures' ranges, and two of those are compared */
         g_assert_cmpfloat(fabs(f->value.factor - t), <, 4.5 * f->value.sigma + 2e-4 * t);
