@@ -9,11 +9,40 @@
 
 #include <fcntl.h>
 #include <glib.h>
+#include <libusb.h>
 #include <poll.h>
 #include <string.h>
 #include <unistd.h>
 
 enum { STEPS = 100, BOOT = 0x12345 };
+
+/** What the driver's calls of libusb meet, and how often (linked with --wrap). */
+static struct {
+    unsigned cleared;    /* halts */
+    unsigned to_shorten; /* event transfers to come that are too short for a packet */
+    unsigned overflowed; /* event transfers seen again after they were */
+} host;
+
+int __real_libusb_clear_halt(libusb_device_handle *device, unsigned char endpoint);
+int __wrap_libusb_clear_halt(libusb_device_handle *device, unsigned char endpoint);
+int __real_libusb_submit_transfer(struct libusb_transfer *transfer);
+int __wrap_libusb_submit_transfer(struct libusb_transfer *transfer);
+
+int __wrap_libusb_clear_halt(libusb_device_handle *device, unsigned char endpoint)
+{
+    host.cleared++;
+    return __real_libusb_clear_halt(device, endpoint);
+}
+
+int __wrap_libusb_submit_transfer(struct libusb_transfer *transfer)
+{
+    if (transfer->type == LIBUSB_TRANSFER_TYPE_INTERRUPT) {
+        host.overflowed += transfer->status == LIBUSB_TRANSFER_OVERFLOW;
+        transfer->length = host.to_shorten ? 16 : LS_WIRE_USB_PACKET_BYTES;
+        host.to_shorten -= host.to_shorten > 0;
+    }
+    return __real_libusb_submit_transfer(transfer);
+}
 
 static const struct ls_led led = {3, 1, 65535};
 static const struct ls_condition condition = {LS_CONDITION_ONE, 1, &led};
@@ -158,10 +187,58 @@ static void test_halt(void)
 {
     struct sim_controller_fault fault = {SIM_CONTROLLER_HALT, 20, 1, 0};
     bool came[STEPS];
+    host.cleared = 0;
     take_packets(fault, came);
+    g_assert_cmpuint(host.cleared, ==, 1);
     for (int i = 0; i < STEPS; i++)
         g_assert_true(came[i]);
     run_with(SIM_WIRE_USB, fault);
+    g_assert_cmpuint(host.cleared, ==, 2);
+}
+
+/** A packet longer than its transfer is lost with its events, which come with the status block. */
+static void test_overflow(void)
+{
+    struct sim_controller_config config = dome_small();
+    config.wire = SIM_WIRE_USB;
+    struct dome dome = dome_start(&config);
+    struct ls_lights_config address = dome_address(&dome);
+    struct ls_lights *lights;
+    struct ls_diag diag = {0};
+    host.overflowed = 0;
+    host.to_shorten = 5;
+    must(ls_lights_open(&address, &lights, &diag), &diag);
+    fire(lights);
+    g_assert_cmpuint(host.overflowed, ==, 5);
+    ls_lights_close(lights);
+    dome_stop(&dome);
+}
+
+/** Fire one step, after which the controller fails, and poll until that is noticed: what is said
+ * then. *lights stays open: (transfer full). */
+static enum ls_err poll_until_lost(const struct dome *dome, const char *serial,
+                                   struct ls_lights **lights, struct ls_diag *diag)
+{
+    struct ls_lights_config address = dome_address(dome);
+    struct ls_lights_status status;
+    struct ls_step step = {.pulse_us = 100};
+    struct ls_program program = {&condition, 1, &step, 1, 1000};
+    enum ls_err err;
+    gint64 start;
+    size_t n;
+    address.timeout_ms = 100;
+    address.address = serial;
+    must(ls_lights_open(&address, lights, diag), diag);
+    must(ls_lights_load(*lights, &program, NULL, diag), diag);
+    must(ls_lights_arm(*lights, diag), diag);
+    must(ls_lights_grant(*lights, 1, diag), diag);
+    do {
+        start = g_get_monotonic_time();
+        err = ls_lights_poll(*lights, &status, NULL, 0, &n, diag);
+    } while (!err);
+    /* five timeouts at most, by the contract of lights.h, and scheduling */
+    g_assert_cmpint(g_get_monotonic_time() - start, <, 700000);
+    return err;
 }
 
 static void test_unplugged(void)
@@ -169,28 +246,10 @@ static void test_unplugged(void)
     struct sim_controller_config config =
         with_fault(SIM_WIRE_USB, (struct sim_controller_fault){SIM_CONTROLLER_DISCONNECT, 0, 1, 0});
     struct dome dome = dome_start(&config);
-    struct ls_lights_config address = dome_address(&dome);
     struct ls_lights *lights;
-    struct ls_lights_status status;
-    struct ls_step step = {.pulse_us = 100};
-    struct ls_program program = {&condition, 1, &step, 1, 1000};
     struct ls_diag diag = {0};
-    enum ls_err err;
-    size_t n;
-    address.timeout_ms = 100;
-    must(ls_lights_open(&address, &lights, &diag), &diag);
-    must(ls_lights_load(lights, &program, NULL, &diag), &diag);
-    must(ls_lights_arm(lights, &diag), &diag);
-    must(ls_lights_grant(lights, 1, &diag), &diag);
-    gint64 start;
-    do {
-        start = g_get_monotonic_time();
-        err = ls_lights_poll(lights, &status, NULL, 0, &n, &diag);
-    } while (!err);
-    g_assert_cmpint(err, ==, LS_ERR_GONE);
+    g_assert_cmpint(poll_until_lost(&dome, "any", &lights, &diag), ==, LS_ERR_GONE);
     g_assert_nonnull(strstr(diag.text, "not plugged in"));
-    /* five timeouts at most, by the contract of lights.h, and scheduling */
-    g_assert_cmpint(g_get_monotonic_time() - start, <, 700000);
     g_assert_cmpint(ls_lights_blank(lights, &diag), ==, LS_ERR_GONE);
     ls_lights_close(lights);
     dome_stop(&dome);
@@ -202,29 +261,10 @@ static void test_mute_by_serial(void)
     struct sim_controller_config config =
         with_fault(SIM_WIRE_USB, (struct sim_controller_fault){SIM_CONTROLLER_DEAD, 0, 1, 0});
     struct dome dome = dome_start(&config);
-    struct ls_lights_config address = dome_address(&dome);
     struct ls_lights *lights;
-    struct ls_lights_status status;
-    struct ls_step step = {.pulse_us = 100};
-    struct ls_program program = {&condition, 1, &step, 1, 1000};
     struct ls_diag diag = {0};
-    enum ls_err err;
-    size_t n;
-    address.timeout_ms = 100;
-    address.address = config.serial;
-    must(ls_lights_open(&address, &lights, &diag), &diag);
-    must(ls_lights_load(lights, &program, NULL, &diag), &diag);
-    must(ls_lights_arm(lights, &diag), &diag);
-    must(ls_lights_grant(lights, 1, &diag), &diag);
-    gint64 start;
-    do {
-        start = g_get_monotonic_time();
-        err = ls_lights_poll(lights, &status, NULL, 0, &n, &diag);
-    } while (!err);
-    g_assert_cmpint(err, ==, LS_ERR_TIMEOUT);
+    g_assert_cmpint(poll_until_lost(&dome, config.serial, &lights, &diag), ==, LS_ERR_TIMEOUT);
     g_assert_nonnull(strstr(diag.text, "serial numbers: no answer within 100 ms"));
-    /* five timeouts at most, by the contract of lights.h, and scheduling */
-    g_assert_cmpint(g_get_monotonic_time() - start, <, 700000);
     ls_lights_close(lights);
     dome_stop(&dome);
 }
@@ -400,6 +440,7 @@ int main(int argc, char **argv)
     g_test_add_func("/wires/usb/lost-packets-lose-no-event", test_lost_packets);
     g_test_add_func("/wires/usb/damaged-packets-lose-no-event", test_damaged_packets);
     g_test_add_func("/wires/usb/a-stalled-endpoint-is-cleared", test_halt);
+    g_test_add_func("/wires/usb/packets-too-long-lose-no-event", test_overflow);
     g_test_add_func("/wires/usb/a-pulled-plug-is-gone-in-bounds", test_unplugged);
     g_test_add_func("/wires/usb/a-mute-controller-of-a-serial-number-times-out",
                     test_mute_by_serial);
