@@ -13,12 +13,15 @@ usage: tests/run [SUITE]       (tests/run installs what is missing, then starts 
 """
 import json
 import os
+import shutil
+import signal
 import subprocess
 import sys
 import xml.etree.ElementTree as xml
 
 ROOT = os.path.dirname(os.path.dirname(os.path.abspath(__file__)))
 SOAK = os.path.join(ROOT, "tests", "integration", "soak.py")
+NOT_BUILT = 125  # meson test's exit code where its build fails
 SANITIZE = ["-Db_sanitize=address,undefined", "-Db_lundef=false"]
 
 
@@ -27,25 +30,47 @@ def say(text):
 
 
 def call(*command, env=None):
-    return subprocess.run(command, cwd=ROOT, env={**os.environ, **(env or {})}).returncode
+    with subprocess.Popen(command, cwd=ROOT, env={**os.environ, **(env or {})}) as process:
+        try:
+            return process.wait()
+        except KeyboardInterrupt:
+            # meson ends every test's processes on SIGTERM, on SIGINT only one test's
+            signal.signal(signal.SIGINT, signal.SIG_IGN)
+            process.terminate()
+            process.wait()
+            raise
 
 
-def build(name, options=(), cc="gcc"):
-    """Configure and build; the tree's folder, or None."""
+def build(name, options=(), cc="gcc", selection=()):
+    """Configure and build everything; the tree's folder, or None. What a selection of tests needs
+    is built by meson test."""
     folder = os.path.join(ROOT, name)
     say(f"building with {cc} into {name} {' '.join(options)}".rstrip())
+    if not shutil.which(cc):
+        say(f"{cc} is not installed")
+        return None
     if not os.path.exists(os.path.join(folder, "build.ninja")):
         if call("meson", "setup", folder, ROOT, *options, env={"CC": cc}):
             return None
-    return None if call("ninja", "-C", folder, "--quiet") else folder
+    return None if not selection and call("ninja", "-C", folder, "--quiet") else folder
+
+
+def junit(folder):
+    return os.path.join(folder, "meson-logs", "testlog.junit.xml")
+
+
+def forget(folder):
+    """The last run's results."""
+    for log in (junit(folder), os.path.join(folder, "meson-logs", "testlog.json")):
+        if os.path.exists(log):
+            os.remove(log)
 
 
 def count(folder):
     """(passed, failed, skipped, names of the failed) of the last meson test run in folder."""
-    logs = os.path.join(folder, "meson-logs")
     passed = skipped = 0
     names = []
-    for suite in xml.parse(os.path.join(logs, "testlog.junit.xml")).getroot().iter("testsuite"):
+    for suite in xml.parse(junit(folder)).getroot().iter("testsuite"):
         for case in suite.iter("testcase"):
             if case.find("failure") is not None or case.find("error") is not None:
                 names.append(f"{suite.get('name')} {case.get('name')}")
@@ -54,10 +79,10 @@ def count(folder):
             else:
                 passed += 1
     # a program that died or ran too long names no test that failed: it counts itself
-    with open(os.path.join(logs, "testlog.json"), encoding="utf-8") as log:
+    with open(os.path.join(folder, "meson-logs", "testlog.json"), encoding="utf-8") as log:
         for program in map(json.loads, log):
             name = program["name"]
-            if program["result"] not in ("OK", "SKIP", "EXPECTEDFAIL") and not any(
+            if program["result"] not in ("OK", "SKIP", "EXPECTEDFAIL", "INTERRUPT") and not any(
                     failed.startswith(f"lightstaged.{name} ") for failed in names):
                 names.append(f"lightstaged.{name} {program['result']}")
     return passed, len(names), skipped, names
@@ -65,12 +90,12 @@ def count(folder):
 
 def meson_run(folder, arguments, env):
     """One run of meson test; what count() says of it."""
-    log = os.path.join(folder, "meson-logs", "testlog.junit.xml")
-    if os.path.exists(log):
-        os.remove(log)
-    code = call("meson", "test", "-C", folder, "--no-rebuild", "--print-errorlogs",
+    forget(folder)
+    code = call("meson", "test", "-C", folder, "--print-errorlogs",
                 "--timeout-multiplier=4", *arguments, env=env)
-    if not os.path.exists(log):
+    if code == NOT_BUILT:
+        return 0, 1, 0, [f"{os.path.basename(folder)} does not build"]
+    if not os.path.exists(junit(folder)):
         return 0, 1, 0, [f"no test ran in {folder}"]
     result = count(folder)
     if code and not result[1]:
@@ -101,6 +126,16 @@ def meson_test(folder, selection, env=None):
     return (first[0] + (0 if second[1] else first[1]), second[1], first[2], second[3])
 
 
+def run_job(name, options, cc, selection, env):
+    """Build and test one tree; as count()."""
+    forget(os.path.join(ROOT, name))
+    folder = build(name, options, cc, selection)
+    if not folder:
+        return 0, 1, 0, [f"{name} does not build"]
+    say(f"testing {name}")
+    return meson_test(folder, selection, env)
+
+
 def soak(arguments):
     folder = build("build")
     return 2 if not folder else call("/usr/bin/python3", "-B", SOAK, *arguments,
@@ -117,13 +152,20 @@ def rate(arguments):
 
 def main():
     if sys.argv[1:2] == ["soak"]:
-        return soak(sys.argv[2:])
+        try:
+            return soak(sys.argv[2:])
+        except KeyboardInterrupt:
+            say("interrupted")
+            return 130
     if sys.argv[1:2] == ["rate"]:
         return rate(sys.argv[2:])
     suite = sys.argv[1] if len(sys.argv) > 1 else "default"
-    if suite in ("-h", "--help") or suite not in ("default", "ci", "full", "sanitize", "tsan"):
+    if suite in ("-h", "--help"):
         print(__doc__)
-        return 0 if suite in ("-h", "--help") else 2
+        return 0
+    if suite not in ("default", "ci", "full", "sanitize", "tsan"):
+        print(f"there is no suite \"{suite}\"; tests/run --help lists them", file=sys.stderr)
+        return 2
     data = os.environ.get("LS_SHARED_DATA", os.path.join(ROOT, "..", "shared", "data"))
     env = {"LS_SHARED_DATA": os.path.abspath(data)}
     if suite == "full":
@@ -142,20 +184,21 @@ def main():
         # the USB tests run under umockdev's preload library, which comes first
         env["ASAN_OPTIONS"] = "detect_leaks=1:verify_asan_link_order=0"
         env["UBSAN_OPTIONS"] = "halt_on_error=1:print_stacktrace=1"
-    total = [0, 0, 0]
-    broken = []
-    for name, options, cc, selection in jobs:
-        folder = build(name, options, cc)
-        result = (0, 1, 0, [f"{name} does not build"])
-        if folder:
-            say(f"testing {name}")
-            result = meson_test(folder, selection, env)
-        total = [a + b for a, b in zip(total, result)]
-        broken += result[3]
-    for name in broken:
+    results = []
+    interrupted = False
+    try:
+        for job in jobs:
+            results.append(run_job(*job, env))
+    except KeyboardInterrupt:
+        interrupted = True
+        say("interrupted: what had not ended is not counted")
+        folder = os.path.join(ROOT, jobs[len(results)][0])
+        results += [count(folder)] if os.path.exists(junit(folder)) else []
+    total = [sum(column) for column in list(zip(*results))[:3]] or [0, 0, 0]
+    for name in (name for result in results for name in result[3]):
         print(f"FAILED {name}")
     print(f"{total[0]} passed, {total[1]} failed" + (f", {total[2]} skipped" if total[2] else ""))
-    return 1 if total[1] or not total[0] else 0
+    return 130 if interrupted else 1 if total[1] or not total[0] else 0
 
 
 if __name__ == "__main__":
