@@ -22,6 +22,7 @@ import xml.etree.ElementTree as xml
 ROOT = os.path.dirname(os.path.dirname(os.path.abspath(__file__)))
 SOAK = os.path.join(ROOT, "tests", "integration", "soak.py")
 NOT_BUILT = 125  # meson test's exit code where its build fails
+INTERRUPTS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 SANITIZE = ["-Db_sanitize=address,undefined", "-Db_lundef=false"]
 
 
@@ -30,13 +31,15 @@ def say(text):
 
 
 def call(*command, env=None):
-    with subprocess.Popen(command, cwd=ROOT, env={**os.environ, **(env or {})}) as process:
+    with subprocess.Popen(command, cwd=ROOT, env={**os.environ, **(env or {})},
+                          start_new_session=True) as process:
         try:
             return process.wait()
         except KeyboardInterrupt:
-            # meson ends every test's processes on SIGTERM, on SIGINT only one test's
-            signal.signal(signal.SIGINT, signal.SIG_IGN)
-            process.terminate()
+            # on SIGTERM meson ends the processes of every test, on SIGINT of one only
+            for number in INTERRUPTS:
+                signal.signal(number, signal.SIG_IGN)
+            os.killpg(process.pid, signal.SIGTERM)
             process.wait()
             raise
 
@@ -50,7 +53,10 @@ def build(name, options=(), cc="gcc", selection=()):
         say(f"{cc} is not installed")
         return None
     if not os.path.exists(os.path.join(folder, "build.ninja")):
-        if call("meson", "setup", folder, ROOT, *options, env={"CC": cc}):
+        # an interrupted reconfiguration leaves all but build.ninja
+        known = os.path.exists(os.path.join(folder, "meson-private", "coredata.dat"))
+        again = ["--reconfigure"] if known else []
+        if call("meson", "setup", *again, folder, ROOT, *options, env={"CC": cc}):
             return None
     return None if not selection and call("ninja", "-C", folder, "--quiet") else folder
 
@@ -151,14 +157,15 @@ def rate(arguments):
 
 
 def main():
-    if sys.argv[1:2] == ["soak"]:
+    for number in INTERRUPTS:
+        signal.signal(number, signal.default_int_handler)
+    runs = {"soak": soak, "rate": rate}
+    if sys.argv[1:] and sys.argv[1] in runs:
         try:
-            return soak(sys.argv[2:])
+            return runs[sys.argv[1]](sys.argv[2:])
         except KeyboardInterrupt:
             say("interrupted")
             return 130
-    if sys.argv[1:2] == ["rate"]:
-        return rate(sys.argv[2:])
     suite = sys.argv[1] if len(sys.argv) > 1 else "default"
     if suite in ("-h", "--help"):
         print(__doc__)
