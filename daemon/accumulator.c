@@ -100,6 +100,18 @@ struct ls_accumulator *ls_accumulators_claim(struct ls_accumulators *pool, uint3
     return a;
 }
 
+struct ls_accumulator *ls_accumulators_waiting(const struct ls_accumulators *pool)
+{
+    struct ls_accumulator *first = NULL;
+    for (uint32_t k = 0; k < pool->n; k++) {
+        struct ls_accumulator *a = &pool->items[k];
+        if (a->state == LS_ACCUMULATOR_MERGING && a->bands_taken < a->n_bands &&
+            (!first || a->arrived_ns < first->arrived_ns))
+            first = a;
+    }
+    return first;
+}
+
 void ls_accumulator_free(struct ls_accumulator *accumulator)
 {
     accumulator->state = LS_ACCUMULATOR_FREE;

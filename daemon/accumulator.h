@@ -63,6 +63,10 @@ struct ls_accumulator *ls_accumulators_find(struct ls_accumulators *pool, uint32
 struct ls_accumulator *ls_accumulators_claim(struct ls_accumulators *pool, uint32_t condition,
                                              int64_t *given_up);
 
+/** The one with bands to be taken whose last frame came first, or NULL. Any other order would let
+ * some wait as long as the rest are busy. */
+struct ls_accumulator *ls_accumulators_waiting(const struct ls_accumulators *pool);
+
 /** Empty it. */
 void ls_accumulator_free(struct ls_accumulator *accumulator);
 

@@ -101,18 +101,22 @@ static bool pick_frame(struct ls_merge_stage *stage, struct ls_merge_job *job)
     return false;
 }
 
+/* Of the condition that has waited longest. */
 static bool pick_band(struct ls_merge_stage *stage, struct ls_merge_job *job)
 {
-    for (uint32_t i = 0; i < stage->n_cameras; i++)
-        for (uint32_t k = 0; k < stage->cameras[i].pool.n; k++) {
-            struct ls_accumulator *a = &stage->cameras[i].pool.items[k];
-            if (a->state != LS_ACCUMULATOR_MERGING || a->bands_taken == a->n_bands)
-                continue;
-            *job = (struct ls_merge_job){
-                .kind = LS_JOB_BAND, .camera = i, .accumulator = a, .band = a->bands_taken++};
-            return true;
-        }
-    return false;
+    struct ls_accumulator *first = NULL;
+    for (uint32_t i = 0; i < stage->n_cameras; i++) {
+        struct ls_accumulator *a = ls_accumulators_waiting(&stage->cameras[i].pool);
+        if (a && (!first || a->arrived_ns < first->arrived_ns))
+            first = a;
+    }
+    if (!first)
+        return false;
+    *job = (struct ls_merge_job){.kind = LS_JOB_BAND,
+                                 .camera = first->camera,
+                                 .accumulator = first,
+                                 .band = first->bands_taken++};
+    return true;
 }
 
 /* Frames first: they hold slots of the ring. */

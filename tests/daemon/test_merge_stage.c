@@ -5,6 +5,7 @@
  * begun" waits here until the test lets it go on.
  */
 #include "core/merge.h"
+#include "daemon/accumulator.h"
 #include "daemon/merge_stage.h"
 #include "tests/daemon/capture_fixture.h"
 
@@ -174,9 +175,32 @@ static void test_full_is_kept(void)
     close_hall(hall);
 }
 
+/* However often another is filled again, whoever waits longest is next. */
+static void test_who_waits_longest_is_merged_first(void)
+{
+    struct ls_accumulators pool;
+    g_assert_cmpint(ls_accumulators_init(&pool, 3, 1, 64, 64), ==, LS_OK);
+    g_assert_null(ls_accumulators_waiting(&pool));
+    for (uint32_t k = 0; k < 3; k++) {
+        pool.items[k].state = LS_ACCUMULATOR_MERGING;
+        pool.items[k].n_bands = 2;
+        pool.items[k].arrived_ns = 30 - 10 * k;
+    }
+    g_assert_true(ls_accumulators_waiting(&pool) == &pool.items[2]);
+    pool.items[2].bands_taken = 2; /* all of it is being merged */
+    g_assert_true(ls_accumulators_waiting(&pool) == &pool.items[1]);
+    pool.items[1].n_bands = 0; /* its merging has not begun */
+    g_assert_true(ls_accumulators_waiting(&pool) == &pool.items[0]);
+    pool.items[0].state = LS_ACCUMULATOR_FILLING;
+    g_assert_null(ls_accumulators_waiting(&pool));
+    ls_accumulators_finish(&pool);
+}
+
 int main(int argc, char **argv)
 {
     g_test_init(&argc, &argv, NULL);
+    g_test_add_func("/merge-stage/who-waits-longest-is-merged-first",
+                    test_who_waits_longest_is_merged_first);
     g_test_add_func("/merge-stage/a-full-accumulator-is-not-given-away-before-its-merge-begins",
                     test_full_is_kept);
     return g_test_run();
