@@ -254,7 +254,7 @@ int main(int argc, char **argv)
     g_test_add_func("/still-life/fourteen-segments-leave-less-as-served-too",
                     test_less_is_left_as_served);
     g_test_add_func("/still-life/a-noisy-field-is-not-made-noisier", test_noise_is_not_amplified);
-    g_test_add_func("/still-life/behind-a-mosaic-no-more-is-left-than-by-eq-1",
+    g_test_add_func("/still-life/behind-a-mosaic-hardly-more-is-left-than-by-eq-1",
                     test_a_mosaic_leaves_no_more_than_eq_1);
     g_test_add_func("/still-life/mono-blends-ratios-and-fits-spectra", test_mono_blends_and_fits);
     return g_test_run();
