@@ -69,10 +69,14 @@ enum ls_err ls_engine_create(const struct ls_config *config, ls_take_callback *c
                              struct ls_engine **out, struct ls_diag *diag)
 {
     *out = calloc(1, sizeof **out);
-    (*out)->preview = ls_preview_create(config);
-    if (!*out)
+    struct ls_preview *preview = ls_preview_create(config);
+    if (!*out || !preview) {
+        ls_preview_destroy(preview);
+        free(*out);
         return LS_ERR_NOMEM;
-    **out = (struct ls_engine){.config = config, .callback = callback, .user = user};
+    }
+    **out = (struct ls_engine){
+        .config = config, .callback = callback, .user = user, .preview = preview};
     g_mutex_init(&(*out)->lock);
     g_cond_init(&(*out)->asked);
     return LS_OK;
