@@ -6,10 +6,11 @@ usage: tests/run rate [--quick] [--build DIR]
 Three takes on two processors, simulator and daemon together: one camera at 72 frames a second, 8
 bits; four at 18; one at 36 in 12 bits, two bytes a pixel; 2048 x 2048 and three exposures each, merge
 and store on. 1,000 conditions each, which take five minutes and up to 35 GB below TMPDIR; --quick: 100.
-Prints what each reached and cost, and ends with 1 unless all kept 99.3 % of their rate, lost nothing at the first attempt, and every
-frame and picture showed what its label says.
+Prints what each reached and cost, and ends with 1 unless all kept 99.3 % of their rate, lost nothing
+at the first attempt, and every frame and picture showed what its label says.
 """
 import os
+import signal
 import sys
 
 sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
@@ -57,6 +58,7 @@ def show(name, result, fps, wrong):
 
 
 def main():
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit(130))  # the pictures go with their folder
     words = sys.argv[1:]
     build = os.path.join(rates.ROOT, "build")
     if "--build" in words[:-1]:

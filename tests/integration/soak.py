@@ -13,6 +13,7 @@ import json
 import os
 import random
 import shutil
+import signal
 import sys
 import tempfile
 import time
@@ -335,6 +336,7 @@ def main():
     parser.add_argument("--keep", action="store_true", help="keep the folders")
     parser.add_argument("--slice", action="store_true", help="eight short ones, as TAP")
     chosen = parser.parse_args()
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit(130))  # the folders go along
     if chosen.slice:
         return tap(SLICE)
     verdicts, shots, failed = collections.Counter(), 0, []
