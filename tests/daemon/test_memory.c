@@ -240,8 +240,6 @@ static void watch_end(struct watch *watch, const char *what, size_t maps_bytes)
     size_t mapped = watch->most.mapped - MIN(watch->before.mapped, watch->most.mapped);
     g_test_message("%s: %zu MiB of %zu; pages of maps %zu KiB of %zu", what, anonymous >> 20,
                    ceiling_bytes >> 20, mapped >> 10, maps_bytes >> 10);
-    if (SHADOWED)
-        return;
     g_assert_cmpuint(anonymous, <, ceiling_bytes);
     /* beside them the program's own text, as it is first run */
     g_assert_cmpuint(mapped, <=, maps_bytes + ((size_t)4 << 20));
@@ -355,6 +353,10 @@ static void many_pictures_are_relit_in_little_memory(void)
 int main(int argc, char **argv)
 {
     g_test_init(&argc, &argv, NULL);
+    if (SHADOWED) {
+        puts("1..0 # SKIP a sanitizer's memory is not ours; what runs here is run by other tests");
+        return 0;
+    }
     g_test_add_func("/memory/a-large-picture-is-promoted-and-relit-in-little-memory",
                     a_large_picture_is_promoted_and_relit_in_little_memory);
     g_test_add_func("/memory/many-pictures-are-relit-in-little-memory",
