@@ -152,6 +152,21 @@ enum ls_err ls_command_read_file(const char *path, size_t limit, char **bytes, s
     return LS_OK;
 }
 
+enum ls_err ls_command_read_json(const char *path, size_t limit, json_t **root,
+                                 struct ls_diag *diag)
+{
+    char *bytes = NULL;
+    size_t n = 0;
+    json_error_t error;
+    enum ls_err err = ls_command_read_file(path, limit, &bytes, &n, diag);
+    if (err)
+        return err;
+    *root = json_loadb(bytes, n, JSON_REJECT_DUPLICATES, &error);
+    free(bytes);
+    return *root ? LS_OK
+                 : ls_fail(diag, LS_ERR_INVALID, "%.200s:%d: %.200s", path, error.line, error.text);
+}
+
 static bool write_all(int fd, const uint8_t *bytes, size_t n)
 {
     for (size_t at = 0; at < n;) {

@@ -92,6 +92,11 @@ const char *ls_clean(char *text);
 LS_MUST_CHECK enum ls_err ls_command_read_file(const char *path, size_t limit, char **bytes,
                                                size_t *n, struct ls_diag *diag);
 
+/** Read a whole file of at most @limit bytes of JSON, without duplicate keys. *root: (transfer
+ * full). Errors: those of reading, LS_ERR_INVALID with the line. */
+LS_MUST_CHECK enum ls_err ls_command_read_json(const char *path, size_t limit, json_t **root,
+                                               struct ls_diag *diag);
+
 /**
  * Write a whole file. A regular file, or none: written beside it under a name of its own, then
  * renamed over it, so that there is never half a file. A link: what it points at. Anything else (a

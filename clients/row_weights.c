@@ -53,16 +53,10 @@ static enum ls_err read_json(const char *path, const json_t *root, struct ls_row
 
 enum ls_err ls_row_weights_read(const char *path, struct ls_row_weights *out, struct ls_diag *diag)
 {
-    char *bytes = NULL;
-    size_t n = 0;
-    json_error_t error;
-    enum ls_err err = ls_command_read_file(path, MAX_BYTES, &bytes, &n, diag);
+    json_t *root = NULL;
+    enum ls_err err = ls_command_read_json(path, MAX_BYTES, &root, diag);
     if (err)
         return err;
-    json_t *root = json_loadb(bytes, n, JSON_REJECT_DUPLICATES, &error);
-    free(bytes);
-    if (!root)
-        return ls_fail(diag, LS_ERR_INVALID, "%.200s:%d: %.200s", path, error.line, error.text);
     err = read_json(path, root, out, diag);
     json_decref(root);
     if (err)

@@ -70,17 +70,11 @@ static enum ls_err read_json(const char *path, const struct ls_take_document *do
 enum ls_err ls_weights_file_read(const char *path, const struct ls_take_document *document,
                                  struct ls_light_weights *out, struct ls_diag *diag)
 {
-    char *bytes = NULL;
-    size_t n = 0;
-    json_error_t error;
+    json_t *root = NULL;
     memset(out, 0, sizeof *out);
-    enum ls_err err = ls_command_read_file(path, max_bytes, &bytes, &n, diag);
+    enum ls_err err = ls_command_read_json(path, max_bytes, &root, diag);
     if (err)
         return err;
-    json_t *root = json_loadb(bytes, n, JSON_REJECT_DUPLICATES, &error);
-    free(bytes);
-    if (!root)
-        return ls_fail(diag, LS_ERR_INVALID, "%.200s:%d: %.200s", path, error.line, error.text);
     err = read_json(path, document, root, out, diag);
     json_decref(root);
     if (err)
