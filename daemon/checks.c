@@ -1,5 +1,7 @@
 #include "daemon/checks.h"
 
+#include "daemon/take_json.h"
+
 #include <jansson.h>
 #include <math.h>
 #include <pthread.h>
@@ -229,18 +231,12 @@ enum ls_err ls_checks_conclude(struct ls_checks *c, const struct ls_findings *fi
 enum ls_err ls_checks_put(struct ls_checks *c, json_t *conclusion, const char *take_json,
                           char **text, struct ls_diag *diag)
 {
-    json_error_t error;
-    json_t *doc = json_loads(take_json, JSON_REJECT_DUPLICATES, &error);
-    if (!json_is_object(doc)) {
-        ls_fail(diag, LS_ERR_INVALID, "take.json:%d: %s", doc ? 1 : error.line,
-                doc ? "expected an object" : error.text);
-        json_decref(doc);
-        return LS_ERR_INVALID;
-    }
+    json_t *doc = NULL;
+    enum ls_err err = ls_take_json_read(take_json, &doc, diag);
+    if (err)
+        return err;
     pthread_mutex_lock(&c->lock);
-    *text =
-        put(c, conclusion, doc) ? NULL : json_dumps(doc, JSON_COMPACT | JSON_REAL_PRECISION(17));
+    int bad = put(c, conclusion, doc);
     pthread_mutex_unlock(&c->lock);
-    json_decref(doc);
-    return *text ? LS_OK : ls_fail(diag, LS_ERR_NOMEM, "out of memory writing take.json");
+    return ls_take_json_print(doc, bad, text, diag);
 }

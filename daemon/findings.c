@@ -1,5 +1,7 @@
 #include "daemon/findings.h"
 
+#include "daemon/take_json.h"
+
 #include <jansson.h>
 #include <math.h>
 #include <stdio.h>
@@ -135,15 +137,9 @@ static int put(const struct ls_findings *f, json_t *doc)
 enum ls_err ls_findings_put(const struct ls_findings *findings, const char *take_json, char **text,
                             struct ls_diag *diag)
 {
-    json_error_t error;
-    json_t *doc = json_loads(take_json, JSON_REJECT_DUPLICATES, &error);
-    if (!json_is_object(doc)) {
-        ls_fail(diag, LS_ERR_INVALID, "take.json:%d: %s", doc ? 1 : error.line,
-                doc ? "expected an object" : error.text);
-        json_decref(doc);
-        return LS_ERR_INVALID;
-    }
-    *text = put(findings, doc) ? NULL : json_dumps(doc, JSON_COMPACT | JSON_REAL_PRECISION(17));
-    json_decref(doc);
-    return *text ? LS_OK : ls_fail(diag, LS_ERR_NOMEM, "out of memory writing take.json");
+    json_t *doc = NULL;
+    enum ls_err err = ls_take_json_read(take_json, &doc, diag);
+    if (err)
+        return err;
+    return ls_take_json_print(doc, put(findings, doc), text, diag);
 }

@@ -332,3 +332,23 @@ enum ls_err ls_take_json_same_rig(const char *take_json, const struct ls_take_do
     json_decref(doc);
     return err;
 }
+
+enum ls_err ls_take_json_read(const char *take_json, json_t **doc, struct ls_diag *diag)
+{
+    json_error_t error;
+    *doc = json_loads(take_json, JSON_REJECT_DUPLICATES, &error);
+    if (json_is_object(*doc))
+        return LS_OK;
+    ls_fail(diag, LS_ERR_INVALID, "take.json:%d: %s", *doc ? 1 : error.line,
+            *doc ? "expected an object" : error.text);
+    json_decref(*doc);
+    *doc = NULL;
+    return LS_ERR_INVALID;
+}
+
+enum ls_err ls_take_json_print(json_t *doc, int bad, char **text, struct ls_diag *diag)
+{
+    *text = bad ? NULL : json_dumps(doc, JSON_COMPACT | JSON_REAL_PRECISION(17));
+    json_decref(doc);
+    return *text ? LS_OK : ls_fail(diag, LS_ERR_NOMEM, "out of memory writing take.json");
+}

@@ -36,6 +36,8 @@
 #include "drivers/camera.h"
 #include "drivers/lights.h"
 
+#include <jansson.h>
+
 struct ls_preflight;
 
 struct ls_take_document {
@@ -70,5 +72,14 @@ LS_MUST_CHECK enum ls_err ls_take_json_offsets(const char *take_json, struct ls_
 LS_MUST_CHECK enum ls_err ls_take_json_same_rig(const char *take_json,
                                                 const struct ls_take_document *document,
                                                 struct ls_diag *diag);
+
+/** A take.json to be added to. *doc: (transfer full), an object. LS_ERR_INVALID with the line. */
+LS_MUST_CHECK enum ls_err ls_take_json_read(const char *take_json, json_t **doc,
+                                            struct ls_diag *diag);
+
+/** @doc (transfer full) as text; @bad: adding to it failed, for want of memory. *text: (transfer
+ * full), free(). LS_ERR_NOMEM. */
+LS_MUST_CHECK enum ls_err ls_take_json_print(json_t *doc, int bad, char **text,
+                                             struct ls_diag *diag);
 
 #endif
