@@ -67,6 +67,45 @@ static void test_cross_check(void)
     struct ls_camera_frame stale = good;
     stale.frame_id = 10;
     g_assert_cmpint(verdict_of(stale, at, 0, false), ==, LS_BIND_STALE);
+
+    struct ls_camera_frame incomplete = good; /* whatever its trailer says: pixels are missing */
+    incomplete.status = LS_FRAME_LOST;
+    g_assert_cmpint(verdict_of(incomplete, at, 0, false), ==, LS_BIND_LOST);
+}
+
+/* Two pulses a millisecond apart, by a controller that hurries after it was late: the frame is
+ * decided only when no second pulse can be near it any more, then belongs to neither, and the next
+ * one is not trusted. */
+static void test_two_pulses(void)
+{
+    struct ls_bind_config config = bind_camera(true, true, false);
+    struct ls_bind *bind = NULL;
+    struct ls_bind_verdict verdict;
+    g_assert_cmpint(ls_bind_create(&config, 3, 4, &bind), ==, LS_OK);
+    struct ls_camera_frame frame = {.frame_id = 10, .trigger_counter = 20};
+    ls_bind_anchor(bind, &frame);
+    ls_bind_arm(bind, 3);
+    const uint64_t us[3] = {1000000, 1001000, 1001000 + PERIOD_US};
+    for (uint32_t i = 0; i < 3; i++) {
+        struct ls_step_event event = {.step = i, .us = us[i]};
+        g_assert_cmpint(ls_bind_event(bind, &event, 0), ==, LS_OK);
+        ls_bind_until(bind, us[i] + 100);
+        if (i == 1)
+            continue;
+        frame.frame_id++;
+        frame.trigger_counter++;
+        g_assert_cmpint(ls_bind_frame(bind, &frame, (double)us[i], 0), ==, LS_OK);
+        if (i == 0)
+            g_assert_false(ls_bind_next(bind, &verdict));
+    }
+    ls_bind_until(bind, us[2] + PERIOD_US);
+    g_assert_true(ls_bind_next(bind, &verdict));
+    g_assert_cmpint(verdict.reason, ==, LS_BIND_TWO_PULSES);
+    g_assert_true(ls_bind_next(bind, &verdict));
+    g_assert_cmpint(verdict.reason, ==, LS_BIND_SUSPECT);
+    for (uint32_t i = 0; i < 3; i++)
+        g_assert_cmpint(ls_bind_outcome(bind, i), ==, LS_BIND_AMBIGUOUS);
+    ls_bind_destroy(bind);
 }
 
 static void test_lost_events(void)
@@ -185,12 +224,39 @@ static void test_by_order(void)
     take_turns(behind, 8);
 }
 
+/* The event of a step that was opened is lost: its frame is not the next one's, though ids say so.
+ */
+static void test_by_order_lost_event(void)
+{
+    struct ls_bind_config config = bind_camera(false, false, false);
+    struct ls_bind *bind = NULL;
+    struct ls_bind_verdict verdict;
+    g_assert_cmpint(ls_bind_create(&config, 2, 4, &bind), ==, LS_OK);
+    struct ls_camera_frame frame = {.frame_id = 1};
+    ls_bind_anchor(bind, &frame);
+    ls_bind_arm(bind, 2);
+    ls_bind_open(bind, 0);
+    ls_bind_open(bind, 1);
+    const struct ls_step_event event = {.step = 1, .us = 1000000};
+    g_assert_cmpint(ls_bind_event(bind, &event, 0), ==, LS_OK);
+    frame.frame_id = 2;
+    g_assert_cmpint(ls_bind_frame(bind, &frame, 0, 0), ==, LS_OK);
+    g_assert_true(ls_bind_next(bind, &verdict));
+    g_assert_cmpint(verdict.reason, ==, LS_BIND_IDS);
+    g_assert_cmpint(ls_bind_outcome(bind, 1), ==, LS_BIND_AMBIGUOUS);
+    g_assert_true(ls_bind_suspect(bind)); /* one frame is still owed */
+    ls_bind_destroy(bind);
+}
+
 int main(int argc, char **argv)
 {
     g_test_init(&argc, &argv, NULL);
     g_test_add_func("/bind/every-disagreement-has-its-reason", test_cross_check);
+    g_test_add_func("/bind/a-frame-near-two-pulses-is-neithers", test_two_pulses);
     g_test_add_func("/bind/steps-whose-events-were-lost-are-ambiguous", test_lost_events);
     g_test_add_func("/bind/the-anchor-outlives-a-program", test_rearm);
     g_test_add_func("/bind/a-camera-without-time-is-bound-by-order", test_by_order);
+    g_test_add_func("/bind/by-order-a-lost-event-leaves-its-frame-nobodys",
+                    test_by_order_lost_event);
     return g_test_run();
 }
