@@ -196,6 +196,48 @@ static void test_errors_are_told(void)
     }
 }
 
+/* What a power failure would take away, since the disk was not yet told to keep it. */
+struct unsynced {
+    unsigned renames, journal_writes;
+    bool file, journal, pictures, document; /* the bytes of a file; the names of files */
+};
+
+static int watch_order(void *user, enum ls_disk_op op, const char *name, size_t *n_bytes)
+{
+    struct unsynced *u = user;
+    bool journal = !strcmp(name, "journal"), picture = g_str_has_prefix(name, "cam");
+    if (op == LS_DISK_WRITE && journal) {
+        g_assert_false(u->pictures); /* a record vouches for files that are there */
+        u->journal_writes++;
+    }
+    if (op == LS_DISK_WRITE || op == LS_DISK_SYNC)
+        *(journal ? &u->journal : &u->file) = op == LS_DISK_WRITE;
+    if (op == LS_DISK_RENAME) {
+        g_assert_false(u->file); /* under its own name a file is whole */
+        g_assert_true(picture || !u->journal);
+        *(picture ? &u->pictures : &u->document) = true;
+        u->renames++;
+    }
+    if (op == LS_DISK_SYNC_DIR)
+        *(strcmp(name, "of a camera") ? &u->document : &u->pictures) = false;
+    return 0;
+}
+
+static void test_order(void)
+{
+    char *root = new_root();
+    struct promises *promises = new_promises();
+    struct unsynced unsynced = {0};
+    struct ls_disk_shim shim = {watch_order, &unsynced};
+    g_assert_cmpint(shoot(root, &shim, promises, NULL), ==, LS_OK);
+    g_assert_cmpuint(unsynced.renames, >, N_CONDITIONS);
+    g_assert_cmpuint(unsynced.journal_writes, >=, N_CONDITIONS / 2);
+    g_assert_false(unsynced.file || unsynced.journal || unsynced.pictures || unsynced.document);
+    munmap(promises, sizeof *promises);
+    remove_tree(root);
+    g_free(root);
+}
+
 static void test_short_writes(void)
 {
     char *root = new_root();
@@ -371,6 +413,7 @@ int main(int argc, char **argv)
                     test_crash_at_every_operation);
     g_test_add_func("/store/kill-at-any-moment-keeps-what-was-promised", test_kill);
     g_test_add_func("/store/disk-errors-are-told-never-lost", test_errors_are_told);
+    g_test_add_func("/store/nothing-is-vouched-for-that-power-could-take-away", test_order);
     g_test_add_func("/store/short-writes-are-continued", test_short_writes);
     g_test_add_func("/store/torn-journal-is-repaired-at-every-offset", test_torn_journal);
     g_test_add_func("/store/leftovers-of-a-killed-writer-are-removed", test_leftovers_are_removed);
