@@ -138,14 +138,24 @@ static void run_cases(const struct gains_case *cases, size_t n_cases)
     g_assert_cmpfloat(fabs(within / all - 0.68), <, 0.07);
 }
 
+/* One rig of each kind: another one takes no other way through the code. */
+static bool brief(void)
+{
+    return g_getenv("LS_TEST_BRIEF") != NULL;
+}
+
 static void test_one_camera(void)
 {
     static const struct gains_case few[] = {{1, 0.05, 0, "RG", 11}, {1, 0.10, 0, "RG", 12}};
-    run_cases(few, G_N_ELEMENTS(few));
+    run_cases(few, brief() ? 1 : G_N_ELEMENTS(few));
 }
 
 static void test_four_cameras(void)
 {
+    if (brief()) {
+        g_test_skip("tinted lights are seen by three cameras: unset LS_TEST_BRIEF");
+        return;
+    }
     static const struct gains_case few[] = {{4, 0.05, 0, "RG", 52}, {4, 0.10, 0, "mono", 53}};
     run_cases(few, G_N_ELEMENTS(few));
 }

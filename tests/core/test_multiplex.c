@@ -18,7 +18,7 @@ struct world {
     float *e;
 };
 
-static void world_up(struct world *w, gconstpointer unused)
+static void world_up(struct world *w)
 {
     struct sim_scene_config config;
     struct sim_scene *scene = NULL;
@@ -42,7 +42,7 @@ static void world_up(struct world *w, gconstpointer unused)
     sim_scene_destroy(scene);
 }
 
-static void world_down(struct world *w, gconstpointer unused)
+static void world_down(struct world *w)
 {
     g_free(w->directions);
     g_free(w->e);
@@ -114,8 +114,9 @@ static struct noise seeded(void)
     return noise;
 }
 
-static void test_exact(struct world *w, gconstpointer unused)
+static void test_exact(gconstpointer world)
 {
+    const struct world *w = world;
     struct noise noise = seeded();
     float **rows = photograph(w, &noise, 0, 0, 0);
     /* rows are floats: 6e-8 of a row each, 347 of them at random, times 2 / 348 */
@@ -127,8 +128,9 @@ static void test_exact(struct world *w, gconstpointer unused)
 }
 
 /* A sum over lights needs no decoding. */
-static void test_sums(struct world *w, gconstpointer unused)
+static void test_sums(gconstpointer world)
 {
+    const struct world *w = world;
     struct noise noise = seeded();
     float **rows = photograph(w, &noise, 0, 0, 0);
     double weights[LIGHTS], row[ORDER];
@@ -149,8 +151,9 @@ static void test_sums(struct world *w, gconstpointer unused)
 }
 
 /* Read noise alone: what theory leaves of it; shot noise alone: what theory adds. */
-static void test_noise(struct world *w, gconstpointer unused)
+static void test_noise(gconstpointer world)
 {
+    const struct world *w = world;
     struct noise noise = seeded();
     double mean = mean_of(w->e, LIGHTS * PIXELS);
     static const double cases[][2] = {{25 / (10500. * 10500.), 0}, {0, 1 / 10500.}};
@@ -181,8 +184,9 @@ static void test_noise(struct world *w, gconstpointer unused)
     g_assert_cmpfloat(fabs(n.gain - 1), <, 1e-12);
 }
 
-static void test_spare(struct world *w, gconstpointer unused)
+static void test_spare(gconstpointer world)
 {
+    const struct world *w = world;
     struct noise noise = seeded();
     const double read = 25 / (WHITE_E * WHITE_E), shot = 1 / WHITE_E;
     struct ls_multiplex_spare spare;
@@ -253,8 +257,9 @@ static void show(const struct world *w, const double *weights, float *out)
 }
 
 /* Coefficients against the projection of the truth, both forms, degrees 0 to 4. */
-static void test_harmonics(struct world *w, gconstpointer unused)
+static void test_harmonics(gconstpointer world)
 {
+    const struct world *w = world;
     const float(*d)[3] = (const float(*)[3])w->directions;
     double weights[LIGHTS], flat[LIGHTS];
     float all[PIXELS], shown[PIXELS], other[PIXELS], a[PIXELS], b[PIXELS];
@@ -284,8 +289,9 @@ static void test_harmonics(struct world *w, gconstpointer unused)
 
 /* On a Lambertian sphere the gradients give the normal: (2 F_x / F - 1) = 2/3 n_x for a smooth full
  * sphere (Ma et al. 2007), here with 346 lights; normals that the hole below does not touch. */
-static void test_gradients(struct world *w, gconstpointer unused)
+static void test_gradients(gconstpointer world)
 {
+    const struct world *w = world;
     const float(*d)[3] = (const float(*)[3])w->directions;
     static const float normals[][3] = {
         {0, 0, 1}, {0.6f, 0, 0.8f}, {0, 0.8f, 0.6f}, {0.48f, 0.6f, 0.64f}};
@@ -309,8 +315,10 @@ static void test_gradients(struct world *w, gconstpointer unused)
 
 int main(int argc, char **argv)
 {
+    struct world world; /* one for all: to render it takes as long as every test together */
     g_test_init(&argc, &argv, NULL);
-#define WORLD(path, f) g_test_add(path, struct world, NULL, world_up, f, world_down)
+    world_up(&world);
+#define WORLD(path, f) g_test_add_data_func(path, &world, f)
     WORLD("/multiplex/without-noise-every-light-comes-back", test_exact);
     WORLD("/multiplex/a-sum-of-lights-needs-no-decoding", test_sums);
     WORLD("/multiplex/read-noise-falls-and-shot-noise-rises-as-theory-says", test_noise);
@@ -318,5 +326,7 @@ int main(int argc, char **argv)
     g_test_add_func("/multiplex/what-does-not-fit-is-refused", test_refusals);
     WORLD("/bases/coefficients-are-the-projection-of-the-truth", test_harmonics);
     WORLD("/bases/gradients-of-a-lambertian-tell-its-normal", test_gradients);
-    return g_test_run();
+    int failed = g_test_run();
+    world_down(&world);
+    return failed;
 }
