@@ -4,7 +4,8 @@
 usage: tests/run [SUITE]       (tests/run installs what is missing, then starts this program)
 
   (none)    everything a developer wants before a commit: unit and integration tests, layer check
-  ci        the same with gcc, and the unit tests with clang under ASan and UBSan; warnings are errors
+  ci        the same with gcc, and the unit tests with clang under ASan and UBSan, where long
+            calculations are brief; warnings are errors
   full      also the long variants of the random tests
   sanitize  unit tests under AddressSanitizer and UndefinedBehaviorSanitizer
   tsan      the daemon's unit tests under ThreadSanitizer
@@ -22,6 +23,7 @@ import xml.etree.ElementTree as xml
 ROOT = os.path.dirname(os.path.dirname(os.path.abspath(__file__)))
 SOAK = os.path.join(ROOT, "tests", "integration", "soak.py")
 NOT_BUILT = 125  # meson test's exit code where its build fails
+AT_ONCE = len(os.sched_getaffinity(0)) + 1  # programs: one in three waits
 INTERRUPTS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 SANITIZE = ["-Db_sanitize=address,undefined", "-Db_lundef=false"]
 
@@ -98,7 +100,7 @@ def meson_run(folder, arguments, env):
     """One run of meson test; what count() says of it."""
     forget(folder)
     code = call("meson", "test", "-C", folder, "--print-errorlogs",
-                "--timeout-multiplier=4", *arguments, env=env)
+                "--timeout-multiplier=4", f"--num-processes={AT_ONCE}", *arguments, env=env)
     if code == NOT_BUILT:
         return 0, 1, 0, [f"{os.path.basename(folder)} does not build"]
     if not os.path.exists(junit(folder)):
@@ -132,14 +134,14 @@ def meson_test(folder, selection, env=None):
     return (first[0] + (0 if second[1] else first[1]), second[1], first[2], second[3])
 
 
-def run_job(name, options, cc, selection, env):
-    """Build and test one tree; as count()."""
+def run_job(name, options, cc, selection, own, env):
+    """Build and test one tree, own being its environment beside all trees' env; as count()."""
     forget(os.path.join(ROOT, name))
     folder = build(name, options, cc, selection)
     if not folder:
         return 0, 1, 0, [f"{name} does not build"]
     say(f"testing {name}")
-    return meson_test(folder, selection, env)
+    return meson_test(folder, selection, {**env, **own})
 
 
 def soak(arguments):
@@ -178,16 +180,17 @@ def main():
     if suite == "full":
         env["LS_TEST_FULL"] = "1"
     strict = ["--werror"] if suite == "ci" else []
+    brief = {"LS_TEST_BRIEF": "1"} if suite == "ci" else {}
     jobs = []
     if suite == "tsan":
         jobs.append(("build-tsan", ["-Db_sanitize=thread", "-Db_lundef=false"], "clang",
-                     ["--suite=daemon"]))
+                     ["--suite=daemon"], {}))
         env["TSAN_OPTIONS"] = "halt_on_error=0"
     elif suite != "sanitize":
-        jobs.append(("build" if suite != "ci" else "build-ci", strict, "gcc", []))
+        jobs.append(("build" if suite != "ci" else "build-ci", strict, "gcc", [], {}))
     if suite in ("ci", "sanitize"):
         jobs.append(("build-sanitize", SANITIZE + strict, "clang",
-                     ["--no-suite=integration", "--no-suite=bench"]))
+                     ["--no-suite=integration", "--no-suite=bench", "--no-suite=layers"], brief))
         # the USB tests run under umockdev's preload library, which comes first
         env["ASAN_OPTIONS"] = "detect_leaks=1:verify_asan_link_order=0"
         env["UBSAN_OPTIONS"] = "halt_on_error=1:print_stacktrace=1"
