@@ -36,6 +36,7 @@ struct ls_bind {
     bool suspect, late_seen;
     int64_t due; /* by order: triggers without a frame, by id; below 0: frames without a trigger */
     uint64_t until_us;
+    uint64_t placed_us; /* by time: until_us when the anchor was last moved, in this program */
     struct anchor anchor;
     struct step *steps;
     struct pending *frames; /* ring */
@@ -107,7 +108,7 @@ void ls_bind_arm(struct ls_bind *bind, uint32_t n_steps)
     bind->n_steps = n_steps;
     bind->n_seen = bind->n_told = bind->n_patient = bind->settled = 0;
     bind->open = LS_BIND_NO_STEP;
-    bind->until_us = 0;
+    bind->until_us = bind->placed_us = 0;
     bind->late_seen = false;
 }
 
@@ -200,6 +201,8 @@ static void move_anchor(struct ls_bind *bind, int64_t step, const struct ls_came
                                    .step = step,
                                    .frame_id = frame->frame_id,
                                    .counter = frame->trigger_counter};
+    if (bind->config.by_time)
+        bind->placed_us = bind->until_us;
 }
 
 /* First seen step that fired at or after @us; n_seen if none. Skipped ones carry no time. */
@@ -430,7 +433,8 @@ static void lose_patience(struct ls_bind *bind)
 {
     while (bind->n_patient < bind->n_seen) {
         const struct step *step = &bind->steps[bind->n_patient];
-        bool over = (double)bind->until_us > (double)step->event.us + bind->config.patience_us;
+        uint64_t from_us = step->event.us > bind->placed_us ? step->event.us : bind->placed_us;
+        bool over = (double)bind->until_us > (double)from_us + bind->config.patience_us;
         if (step->outcome == LS_BIND_OPEN && !over)
             return;
         if (bind->config.by_time)

@@ -28,8 +28,9 @@
  * steps were opened since, or a quiet time has passed: a whole patience in which nothing was
  * triggered. The last frame seen is the new anchor.
  *
- * A step is missing when a later one is bound, or when `patience_us` after its start nothing came.
- * A frame that comes later still is discarded.
+ * A step is missing when a later one is bound, or when `patience_us` after its start nothing came:
+ * by time, after its start or after the last frame with a place came, since frames that still come,
+ * in their order, tell that its own may be on its way. A frame that comes later still is discarded.
  */
 #ifndef LS_DAEMON_BIND_H
 #define LS_DAEMON_BIND_H
@@ -50,7 +51,7 @@ struct ls_bind_config {
     double window_us;      /* by time: a quarter of the smallest pulse spacing */
     double tight_us;       /* by time: largest residual the clocks explain, <= window_us */
     double event_delay_us; /* by time: how late the controller may report a step */
-    double patience_us;    /* after a pulse's start, on the controller's clock */
+    double patience_us;    /* after a pulse's start or a frame, on the controller's clock */
     double exposure_tolerance_us, exposure_tolerance; /* allowed: sum of absolute and relative */
 };
 

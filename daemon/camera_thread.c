@@ -1,5 +1,6 @@
 #include "daemon/camera_thread.h"
 
+#include "daemon/credit.h"
 #include "daemon/realtime.h"
 
 #include <math.h>
@@ -20,6 +21,7 @@ enum {
 struct told {
     double exposure_us;
     uint64_t pulse_ns;
+    uint32_t under_way; /* steps without a verdict then, with this one */
 };
 
 struct ls_camera_thread {
@@ -28,7 +30,7 @@ struct ls_camera_thread {
     struct ls_queue messages;
     _Atomic uint64_t until_us;
     _Atomic bool stopping, suspect, crowded; /* crowded: a message found no room */
-    _Atomic uint32_t programs, settled, pending, bound, unusable;
+    _Atomic uint32_t programs, settled, pending, bound, unusable, window;
     _Atomic int failure;
     struct ls_camera_residuals residuals;
     uint64_t compared_ns; /* controller time of the clock's newest pair */
@@ -65,14 +67,24 @@ static void learn(struct ls_camera_thread *thread, const struct ls_bind_verdict 
     r->n++;
 }
 
+static void measure_latency(struct ls_camera_thread *thread, const struct told *told,
+                            uint64_t arrival_ns)
+{
+    uint64_t ns = arrival_ns > told->pulse_ns ? arrival_ns - told->pulse_ns : 0;
+    atomic_store(&thread->window, ls_credit_window((uint64_t)thread->config.bind.patience_us,
+                                                   told->under_way, ns / 1000));
+}
+
 static void hand_on(struct ls_camera_thread *thread, const struct ls_bind_verdict *verdict)
 {
+    const struct told *told = &thread->told[verdict->step];
     const struct ls_bound_frame bound = {.step = verdict->step,
                                          .frame = verdict->frame,
                                          .event = verdict->event,
-                                         .exposure_us = thread->told[verdict->step].exposure_us,
+                                         .exposure_us = told->exposure_us,
                                          .residual_us = verdict->residual_us,
-                                         .pulse_ns = thread->told[verdict->step].pulse_ns};
+                                         .pulse_ns = told->pulse_ns};
+    measure_latency(thread, told, bound.frame.host_ns);
     if (thread->config.bind.by_time)
         learn(thread, verdict);
     if (ls_ring_hand(thread->config.ring, verdict->slot) ||
@@ -139,7 +151,8 @@ static void hear(struct ls_camera_thread *thread, const struct ls_camera_message
     case LS_CAMERA_FIRED:
         if (message->event.step < thread->config.max_steps)
             thread->told[message->event.step] =
-                (struct told){message->exposure_us, message->pulse_ns};
+                (struct told){message->exposure_us, message->pulse_ns,
+                              message->event.step + 1 - ls_bind_settled(thread->bind)};
         if (ls_bind_event(thread->bind, &message->event, message->exposure_us))
             fail(thread, LS_ERR_MISMATCH);
         break;
@@ -218,6 +231,7 @@ enum ls_err ls_camera_thread_create(const struct ls_camera_thread_config *config
     }
     ls_bind_anchor(thread->bind, &config->anchor);
     thread->compared_ns = config->clock.ref0;
+    atomic_store(&thread->window, config->window);
     *out = thread;
     return LS_OK;
 }
@@ -252,6 +266,7 @@ void ls_camera_thread_counts(const struct ls_camera_thread *thread, struct ls_ca
     *out = (struct ls_camera_counts){.programs = atomic_load(&thread->programs),
                                      .settled = settled,
                                      .pending = atomic_load(&thread->pending),
+                                     .window = atomic_load(&thread->window),
                                      .suspect = atomic_load(&thread->suspect),
                                      .bound = atomic_load(&thread->bound),
                                      .unusable = atomic_load(&thread->unusable),

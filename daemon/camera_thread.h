@@ -62,6 +62,7 @@ struct ls_camera_thread_config {
     sem_t *heard;                  /* posted once per LS_CAMERA_ARMED dealt with, and when there is
                                       room again after a message found none */
     struct ls_camera_metrics *metrics; /* counted into */
+    uint32_t window;                   /* before any frame was bound */
     int rt_priority;                   /* 0 = normal */
 };
 
@@ -69,6 +70,7 @@ struct ls_camera_counts {
     uint32_t programs;        /* LS_CAMERA_ARMED messages dealt with */
     uint32_t settled;         /* steps of this program with a verdict */
     uint32_t pending;         /* frames here and not decided */
+    uint32_t window;          /* steps that may be under way: daemon/credit.h */
     bool suspect;             /* by order: the order is lost */
     uint32_t bound, unusable; /* verdicts since start: bound; missing or ambiguous */
     enum ls_err failure;      /* LS_ERR_GONE, LS_ERR_BUG ...: the thread has ended */

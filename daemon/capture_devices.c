@@ -1,5 +1,7 @@
 #include "daemon/capture_private.h"
 
+#include "daemon/credit.h"
+
 #include <math.h>
 
 enum {
@@ -173,6 +175,7 @@ enum ls_err ls_capture_start_threads(struct ls_capture *c, struct ls_diag *diag)
             .work = ls_merge_stage_work(c->merge),
             .heard = &c->heard,
             .metrics = &c->setup.metrics->cameras[i],
+            .window = ls_credit_first_window(c->patience_us, c->setup.plan->period_us),
             .rt_priority = camera_priority(ls_capture_camera(c, i)),
         };
         err = ls_camera_thread_create(&config, &c->threads[i], diag);

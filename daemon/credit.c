@@ -7,11 +7,16 @@ static uint32_t least(uint32_t a, uint32_t b)
     return a < b ? a : b;
 }
 
-uint32_t ls_credit_slots(uint32_t slots, uint64_t patience_us, uint32_t period_us)
+uint32_t ls_credit_window(uint64_t patience_us, uint32_t under_way, uint64_t latency_us)
 {
-    uint64_t steps = patience_us / 2 / (period_us ? period_us : 1);
-    steps = steps < LS_CREDIT_LEAST ? LS_CREDIT_LEAST : steps;
-    return steps + LS_CREDIT_SPARE < slots ? (uint32_t)steps + LS_CREDIT_SPARE : slots;
+    uint64_t steps = patience_us / 2 * under_way / (latency_us ? latency_us : 1);
+    return steps < 1 ? 1 : steps > UINT32_MAX ? UINT32_MAX : (uint32_t)steps;
+}
+
+uint32_t ls_credit_first_window(uint64_t patience_us, uint32_t period_us)
+{
+    uint32_t steps = ls_credit_window(patience_us, 1, period_us);
+    return steps < LS_CREDIT_LEAST ? LS_CREDIT_LEAST : steps;
 }
 
 uint32_t ls_credit_limit(const struct ls_credit_camera *cameras, uint32_t n_cameras,
@@ -21,7 +26,7 @@ uint32_t ls_credit_limit(const struct ls_credit_camera *cameras, uint32_t n_came
     for (uint32_t i = 0; i < n_cameras; i++) {
         uint32_t queued = cameras[i].queued;
         uint32_t room = queued > LS_CREDIT_SPARE ? queued - LS_CREDIT_SPARE : 0;
-        limit = least(limit, cameras[i].settled + room);
+        limit = least(limit, cameras[i].settled + least(room, cameras[i].window));
     }
     return limit;
 }
@@ -60,7 +65,7 @@ void ls_credit_init(struct ls_credit *credit, const struct ls_program *program, 
 }
 
 uint32_t ls_credit_grant(struct ls_credit *credit, uint32_t granted, uint32_t fired, uint32_t limit,
-                         uint64_t now_ns)
+                         uint32_t window, uint64_t now_ns)
 {
     uint32_t most = limit > granted ? limit : granted;
     if (!credit->bursts)
@@ -76,7 +81,7 @@ uint32_t ls_credit_grant(struct ls_credit *credit, uint32_t granted, uint32_t fi
         credit->dark = true;
     if (!credit->dark)
         return least(most, credit->lit_from);
-    uint32_t wanted = least(fired + credit->burst, credit->dark_from);
+    uint32_t wanted = least(fired + least(credit->burst, window), credit->dark_from);
     bool rested = credit->started_ns == 0 || now_ns - credit->started_ns >= LS_CREDIT_PAUSE_NS;
     if (!dry || !rested || limit < wanted || limit <= granted)
         return granted;

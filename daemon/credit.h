@@ -2,8 +2,14 @@
  * credit: how far the controller may run ahead of the frames, and when to stay dark instead.
  * Layer: daemon. Threads: ls-seq; pure logic. Ownership: none.
  *
- * granted - settled <= queued - 4 for every camera, where settled counts steps with a verdict and
- * queued the slots its driver holds: whatever is fired has a slot to land in, four to spare.
+ * granted - settled <= min(queued - 4, window) for every camera, where settled counts steps with a
+ * verdict and queued the slots its driver holds: whatever is fired has a slot to land in, four to
+ * spare. Merge and store give slots back as they get through with them, so they slow the lights.
+ *
+ * The window follows what is measured: a frame that came L after its pulse, when n steps were under
+ * way, was served at n / L frames a second; of as many as are served within half of a frame's
+ * patience no more are under way. A camera, network or host that falls behind slows the lights
+ * before its frames are too late; one that is only far away (L does not grow with n) does not.
  *
  * With a live subject a starved sequence must not sink into the flashing band (3-30 Hz) by
  * trickling. Its pulses come at the planned rate or not at all: when the controller is about to
@@ -29,13 +35,16 @@ enum { LS_CREDIT_SPARE = 4, LS_CREDIT_LEAST = 4 };
 struct ls_credit_camera {
     uint32_t queued;  /* slots the driver holds */
     uint32_t settled; /* steps of this program with a verdict */
+    uint32_t window;  /* steps that may be under way for what its frames' latency was */
 };
 
-/** How many slots to count of @slots, @period_us apart, when frames are waited for @patience_us: no
- * more steps are under way than come in half of that, so that a camera or network half as fast as
- * planned slows the lights and loses nothing; at least LS_CREDIT_LEAST beside the spare. RT-safe.
- */
-uint32_t ls_credit_slots(uint32_t slots, uint64_t patience_us, uint32_t period_us);
+/** The window after a frame came @latency_us after its pulse, which was the @under_way-th step
+ * under way then: @under_way * @patience_us / 2 / @latency_us, at least 1. RT-safe. */
+uint32_t ls_credit_window(uint64_t patience_us, uint32_t under_way, uint64_t latency_us);
+
+/** Before any frame came: as if they came as planned, every @period_us; at least LS_CREDIT_LEAST.
+ * RT-safe. */
+uint32_t ls_credit_first_window(uint64_t patience_us, uint32_t period_us);
 
 /** The most steps that may be granted; at least the fewest settled, at most @n_steps. RT-safe. */
 uint32_t ls_credit_limit(const struct ls_credit_camera *cameras, uint32_t n_cameras,
@@ -44,7 +53,7 @@ uint32_t ls_credit_limit(const struct ls_credit_camera *cameras, uint32_t n_came
 struct ls_credit {
     bool bursts; /* live subject at a rate above the flashing band */
     const struct ls_program *program;
-    uint32_t burst;               /* steps of a full burst */
+    uint32_t burst;               /* steps of a full burst, if the window is as large */
     uint32_t dark_from, lit_from; /* the next steps whose darkness is seen; n_steps: none */
     bool dark;
     uint64_t started_ns; /* of the current burst, or the last one; 0 = none yet */
@@ -55,8 +64,9 @@ struct ls_credit {
 void ls_credit_init(struct ls_credit *credit, const struct ls_program *program, uint32_t ring_slots,
                     bool live, uint64_t started_ns);
 
-/** The new value of granted (>= @granted), given what was fired and the limit. RT-safe. */
+/** The new value of granted (>= @granted), given what was fired, the limit and the smallest of the
+ * cameras' windows. RT-safe. */
 uint32_t ls_credit_grant(struct ls_credit *credit, uint32_t granted, uint32_t fired, uint32_t limit,
-                         uint64_t now_ns);
+                         uint32_t window, uint64_t now_ns);
 
 #endif

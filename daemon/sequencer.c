@@ -215,32 +215,38 @@ static enum ls_err watch_heat(struct run *run, bool *hot)
     return *hot && now - run->hot_since_ns > run->seq->cooling_us * 1000 ? LS_ERR_LIMIT : LS_OK;
 }
 
-static uint32_t slots_of(const struct run *run, uint32_t slots)
+/* Of all cameras: the fewest steps settled, the most that may be granted, the smallest window. */
+struct room {
+    uint32_t settled, limit, window;
+};
+
+static uint32_t least(uint32_t a, uint32_t b)
 {
-    return ls_credit_slots(slots, run->seq->patience_us, run->program->period_us);
+    return a < b ? a : b;
 }
 
-static uint32_t credit_limit(const struct run *run, uint32_t *settled)
+static struct room find_room(const struct run *run)
 {
     struct ls_credit_camera cameras[LS_MAX_CAMERAS];
-    *settled = run->program->n_steps;
+    struct room room = {.settled = run->program->n_steps, .window = UINT32_MAX};
     for (uint32_t i = 0; i < run->seq->n_cameras; i++) {
         struct ls_camera_counts counts;
         ls_camera_thread_counts(run->seq->cameras[i].thread, &counts);
-        cameras[i] = (struct ls_credit_camera){
-            .settled = counts.settled,
-            .queued = slots_of(run, ls_ring_queued(run->seq->cameras[i].ring))};
-        if (counts.settled < *settled)
-            *settled = counts.settled;
+        cameras[i] = (struct ls_credit_camera){.settled = counts.settled,
+                                               .window = counts.window,
+                                               .queued = ls_ring_queued(run->seq->cameras[i].ring)};
+        room.settled = least(room.settled, counts.settled);
+        room.window = least(room.window, counts.window);
     }
-    return ls_credit_limit(cameras, run->seq->n_cameras, run->program->n_steps);
+    room.limit = ls_credit_limit(cameras, run->seq->n_cameras, run->program->n_steps);
+    return room;
 }
 
 static enum ls_err flow(struct run *run)
 {
     for (;;) {
-        uint32_t settled, limit = credit_limit(run, &settled);
-        if (settled == run->program->n_steps)
+        struct room room = find_room(run);
+        if (room.settled == run->program->n_steps)
             return LS_OK;
         bool hot;
         enum ls_err err = interrupted(run->seq);
@@ -248,7 +254,7 @@ static enum ls_err flow(struct run *run)
             err = watch_heat(run, &hot);
         uint32_t want = err || hot ? run->granted
                                    : ls_credit_grant(&run->credit, run->granted, run->status.fired,
-                                                     limit, ls_host_ns());
+                                                     room.limit, room.window, ls_host_ns());
         if (!err && want > run->granted)
             err = grant(run, want);
         if (!err)
@@ -310,8 +316,7 @@ static enum ls_err set_exposures(struct run *run, uint32_t step)
 
 static enum ls_err wait_for_room(struct run *run, uint32_t step)
 {
-    uint32_t settled;
-    while (credit_limit(run, &settled) <= step) {
+    while (find_room(run).limit <= step) {
         enum ls_err err = turn(run);
         if (err)
             return err;
@@ -459,13 +464,13 @@ static enum ls_err do_step(struct run *run, uint32_t step)
 
 static enum ls_err one_by_one(struct run *run)
 {
-    uint32_t n = run->program->n_steps, settled = 0;
+    uint32_t n = run->program->n_steps;
     enum ls_err err = LS_OK;
     for (uint32_t step = 0; step < n && !err; step++)
         err = do_step(run, step);
     if (!err && n > 0 && run->program->steps[n - 1].flags & LS_STEP_HOLD)
         err = release(run);
-    while (!err && (credit_limit(run, &settled), settled < n))
+    while (!err && find_room(run).settled < n)
         err = turn(run);
     return err;
 }
@@ -600,8 +605,7 @@ enum ls_err ls_sequencer_run(struct ls_sequencer *sequencer, const struct ls_pro
     }
     for (uint32_t i = 0; i < sequencer->n_cameras; i++)
         run.timed_us[i][0] = run.timed_us[i][1] = sequencer->cameras[i].exposure_us;
-    ls_credit_init(&run.credit, program, slots_of(&run, slots), sequencer->live,
-                   sequencer->burst_ns);
+    ls_credit_init(&run.credit, program, slots, sequencer->live, sequencer->burst_ns);
     pthread_t thread;
     if (pthread_create(&thread, NULL, run_thread, &run))
         return ls_fail(diag, LS_ERR_OS, "cannot start the sequencer's thread");

@@ -1,5 +1,6 @@
 #include "sim/camera.h"
 
+#include "sim/draw.h"
 #include "sim/gvcp.h"
 #include "sim/gvsp.h"
 
@@ -26,7 +27,8 @@ struct job {
     enum sim_camera_fate fate;
     bool by_pulse, twice, leader;
     uint32_t late_ms;
-    uint32_t edges; /* on Line0, this one included */
+    double crowded_ms; /* before it leaves, after the one before has left */
+    uint32_t edges;    /* on Line0, this one included */
 };
 
 struct sim_camera {
@@ -65,6 +67,12 @@ static bool holds(const uint64_t *pulses, uint64_t pulse)
 static uint64_t ns_of_us(double us)
 {
     return (uint64_t)llround(us * 1e3);
+}
+
+static double crowded_ms(const struct sim_camera_faults *f, uint64_t pulse)
+{
+    bool crowded = f->crowded_pulse && pulse >= f->crowded_pulse;
+    return crowded ? f->crowded_ms * (0.5 + sim_draw(f->seed, pulse)) : 0;
 }
 
 static void settings_of(struct sim_camera *c, struct sim_camera_settings *settings)
@@ -198,6 +206,7 @@ static void take_pulse(struct sim_camera *c, struct job *job, double pulse_us)
         s.trigger_width ? job->exposure.exposure_us : fmin(pulse_us, s.exposure_us);
     job->twice = holds(c->faults.duplicate_frame, pulse);
     job->late_ms = holds(c->faults.late_frame, pulse) ? c->faults.late_ms : 0;
+    job->crowded_ms = crowded_ms(&c->faults, pulse);
     job->leader = !holds(c->faults.lose_leader, pulse);
     if (holds(c->faults.lose_frame, pulse))
         job->fate = SIM_FATE_LOST_FRAME;
@@ -286,6 +295,7 @@ static void picture(struct sim_camera *c, struct job *job, const struct sim_came
     }
     call->render(call->user, e, &s->format, raw);
     wait_until(c, end_ns + job->late_ms * 1000000ull);
+    wait_until(c, sim_now_ns() + ns_of_us(job->crowded_ms * 1e3));
 }
 
 static uint16_t block_id(uint64_t frame_id)

@@ -45,8 +45,11 @@ struct sim_camera_faults {
     uint64_t lose_leader[SIM_CAMERA_MAX_FAULTS];     /* its leader is lost, resent it comes */
     uint32_t late_ms;
     double early_us, double_us;
+    uint64_t crowded_pulse; /* from this pulse on each frame leaves crowded_ms, more or less by
+                               half, after the one before has, in their order; 0 = never */
+    double crowded_ms;
     double packet_loss;    /* probability that a stream packet is lost, resent ones too */
-    uint64_t seed;         /* of packet_loss */
+    uint64_t seed;         /* of packet_loss; of crowded_ms */
     uint64_t silent_pulse; /* from this pulse on it neither answers nor sends; 0 = never */
     uint32_t silent_ms;    /* for so long; 0 = for ever */
     uint64_t reboot_pulse; /* at this pulse it forgets control, acquisition and settings: it has

@@ -160,6 +160,7 @@ enum fault_kind {
     FAULT_EARLY_PULSE,
     FAULT_DOUBLE_PULSE,
     FAULT_LOSE_LEADER,
+    FAULT_CROWDED,
     FAULT_PACKET_LOSS,
     FAULT_SILENT,
     FAULT_REBOOT,
@@ -170,7 +171,7 @@ static const struct sim_key fault_keys[] = {
      "stall refuse disconnect interlock estop dead corrupt restart late lose_packet damage_packet "
      "halt heat overheat damage_answer "
      "drop_pulse lose_frame duplicate_frame late_frame early_pulse double_pulse lose_leader "
-     "packet_loss silent reboot"},
+     "crowded packet_loss silent reboot"},
     {"camera", SIM_KEY_U32, SIM_RANGE(struct fault, camera, 0, SIM_MAX_CAMERAS - 1)},
     {"at", SIM_KEY_U32, SIM_RANGE(struct fault, at, 0, U32_MAX)},
     {"count", SIM_KEY_U32, SIM_RANGE(struct fault, count, 1, U32_MAX)},
@@ -403,6 +404,11 @@ static enum ls_err add_camera_fault(const config_setting_t *s, struct sim_camera
         return add_pulses(s, faults->double_pulse, fault, diag);
     case FAULT_LOSE_LEADER:
         return add_pulses(s, faults->lose_leader, fault, diag);
+    case FAULT_CROWDED:
+        faults->crowded_pulse = fault->at;
+        faults->crowded_ms = fault->value;
+        faults->seed = fault->seed;
+        return LS_OK;
     case FAULT_SILENT:
         faults->silent_pulse = fault->at;
         faults->silent_ms = (uint32_t)fault->value;

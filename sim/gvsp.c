@@ -1,5 +1,6 @@
 #include "sim/gvsp.h"
 
+#include "sim/draw.h"
 #include "sim/gvcp.h"
 
 #include <arpa/inet.h>
@@ -57,16 +58,9 @@ struct batch {
     uint8_t heads[BATCH][HEADER_BYTES + LEADER_BYTES];
 };
 
-/** splitmix64 of a counter: the same packets are lost in every run. */
 static bool loses(struct sim_gvsp *g)
 {
-    if (g->loss <= 0)
-        return false;
-    uint64_t z = g->seed + (atomic_fetch_add(&g->drawn, 1) + 1) * 0x9e3779b97f4a7c15u;
-    z = (z ^ z >> 30) * 0xbf58476d1ce4e5b9u;
-    z = (z ^ z >> 27) * 0x94d049bb133111ebu;
-    z ^= z >> 31;
-    return (double)(z >> 11) * 0x1p-53 < g->loss;
+    return g->loss > 0 && sim_draw(g->seed, atomic_fetch_add(&g->drawn, 1) + 1) < g->loss;
 }
 
 static void write_header(uint8_t *head, enum sim_gvcp_status status, uint16_t block,

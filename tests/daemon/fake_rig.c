@@ -26,6 +26,7 @@ struct ls_camera {
     uint32_t counter;
     double exposure_us;
     uint64_t busy_until_ns;
+    uint64_t gave_ns; /* its newest frame, or will */
 };
 
 struct ls_lights {
@@ -117,6 +118,10 @@ static void expose(struct ls_camera *camera, uint64_t at_ns, uint32_t pulse, int
     ready->at_ns = at_ns + (uint64_t)(exposure_us + rig->options.frame_delay_us) * 1000;
     if (fault == FAKE_SLOW || fault == FAKE_SLOWER)
         ready->at_ns += fault == FAKE_SLOW ? 250000000 : 400000000;
+    uint64_t turn_ns = camera->gave_ns + rig->options.crowded_us * 1000ull;
+    if (camera->index == 0 && light >= 0 && ready->at_ns < turn_ns)
+        ready->at_ns = turn_ns;
+    camera->gave_ns = ready->at_ns;
     ready->frame =
         (struct ls_camera_frame){.slot = slot,
                                  .status = fault == FAKE_LOST ? LS_FRAME_LOST : LS_FRAME_OK,

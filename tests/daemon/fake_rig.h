@@ -56,6 +56,7 @@ struct fake_options {
     uint32_t gone_at;        /* pulse at which camera 0 disappears, 0 = never */
     uint32_t drift_at;       /* pulse from which every pixel reads 1 DN more, 0 = never */
     uint32_t frame_delay_us; /* from the end of exposure, default 2000 */
+    uint32_t crowded_us; /* lights: camera 0's frames come so much after one another, 0 = at once */
     unsigned char faults[FAKE_MAX_PULSES]; /* enum fake_fault */
     unsigned char warm_up_faults[FAKE_MAX_PULSES];
     void (*armed)(bool now); /* called with true at every arm, with false at every blank; or NULL */

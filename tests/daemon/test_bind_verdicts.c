@@ -145,18 +145,55 @@ static void test_rearm(void)
             struct ls_step_event event = {.step = i, .us = us + i * PERIOD_US};
             g_assert_cmpint(ls_bind_event(bind, &event, 0), ==, LS_OK);
         }
-        ls_bind_until(bind, us + 500000);
+        ls_bind_until(bind, us + PERIOD_US);
         frame.frame_id++; /* the second frame of every pass is lost */
         frame.trigger_counter++;
         g_assert_cmpint(ls_bind_frame(bind, &frame, (double)us, 0), ==, LS_OK);
         g_assert_true(ls_bind_next(bind, &verdict));
         g_assert_cmpuint(verdict.step, ==, 0);
         g_assert_cmpint(verdict.outcome, ==, LS_BIND_BOUND);
+        ls_bind_until(bind, us + 500000);
         g_assert_true(ls_bind_next(bind, &verdict));
         g_assert_cmpint(verdict.outcome, ==, LS_BIND_MISSING);
         frame.frame_id++;
         frame.trigger_counter++;
     }
+    ls_bind_destroy(bind);
+}
+
+/* Frames that come later and later, each within a patience of the one before: the last comes ten
+ * patiences after its pulse. After it none comes any more, and that is noticed a patience later. */
+static void test_slow_frames(void)
+{
+    enum { STEPS = 12 };
+    struct ls_bind_config config = bind_camera(true, true, false);
+    struct ls_bind *bind = NULL;
+    struct ls_bind_verdict verdict;
+    uint64_t now_us = 1000000 + STEPS * PERIOD_US;
+    g_assert_cmpint(ls_bind_create(&config, STEPS, STEPS, &bind), ==, LS_OK);
+    struct ls_camera_frame frame = {.frame_id = 10, .trigger_counter = 20};
+    ls_bind_anchor(bind, &frame);
+    ls_bind_arm(bind, STEPS);
+    for (uint32_t i = 0; i < STEPS; i++) {
+        struct ls_step_event event = {.step = i, .us = 1000000 + i * PERIOD_US};
+        g_assert_cmpint(ls_bind_event(bind, &event, 0), ==, LS_OK);
+    }
+    for (uint32_t i = 0; i < STEPS - 1; i++) {
+        ls_bind_until(bind, now_us);
+        frame.frame_id++;
+        frame.trigger_counter++;
+        g_assert_cmpint(ls_bind_frame(bind, &frame, 1000000.0 + i * PERIOD_US, 0), ==, LS_OK);
+        g_assert_true(ls_bind_next(bind, &verdict));
+        g_assert_cmpuint(verdict.step, ==, i);
+        g_assert_cmpint(verdict.outcome, ==, LS_BIND_BOUND);
+        g_assert_false(ls_bind_next(bind, &verdict));
+        now_us += (uint64_t)config.patience_us - 1;
+    }
+    ls_bind_until(bind, now_us);
+    g_assert_false(ls_bind_next(bind, &verdict));
+    ls_bind_until(bind, now_us + 2);
+    g_assert_true(ls_bind_next(bind, &verdict));
+    g_assert_cmpint(verdict.outcome, ==, LS_BIND_MISSING);
     ls_bind_destroy(bind);
 }
 
@@ -251,6 +288,7 @@ static void test_by_order_lost_event(void)
 int main(int argc, char **argv)
 {
     g_test_init(&argc, &argv, NULL);
+    g_test_add_func("/bind/frames-that-keep-coming-are-waited-for", test_slow_frames);
     g_test_add_func("/bind/every-disagreement-has-its-reason", test_cross_check);
     g_test_add_func("/bind/a-frame-near-two-pulses-is-neithers", test_two_pulses);
     g_test_add_func("/bind/steps-whose-events-were-lost-are-ambiguous", test_lost_events);

@@ -71,6 +71,18 @@ static void test_slow_disk(void)
     clear(s);
 }
 
+/* Frames that come one in 40 ms where one in 3 is planned, and are waited for 330: of as many as
+ * the ring has room for under way, the last would come after 760. */
+static void test_crowded(void)
+{
+    struct stage *s = new_stage();
+    s->options.crowded_us = 40000;
+    g_assert_cmpint(shoot(s), ==, LS_OK);
+    expect_complete(s);
+    g_assert_cmpuint(s->report.final.shots_lost, ==, 0);
+    clear(s);
+}
+
 static gpointer run_thread(gpointer data)
 {
     struct stage *s = data;
@@ -150,6 +162,7 @@ int main(int argc, char **argv)
     g_test_add_func("/capture/a-camera-that-disappears-ends-the-take-dark", test_camera_gone);
     g_test_add_func("/capture/a-store-error-stops-the-take-dark", test_store_error);
     g_test_add_func("/capture/a-slow-disk-slows-the-take-and-loses-nothing", test_slow_disk);
+    g_test_add_func("/capture/a-slow-camera-slows-the-take-and-loses-nothing", test_crowded);
     g_test_add_func("/capture/an-abort-is-dark-at-once", test_abort);
     g_test_add_func("/capture/a-resumed-take-shoots-only-what-is-missing", test_resume);
     g_test_add_func("/capture/a-failed-blank-is-told-whatever-went-wrong-before", test_blank_fails);

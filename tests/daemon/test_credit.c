@@ -5,31 +5,101 @@
 
 static void test_least_room(void)
 {
-    const struct ls_credit_camera cameras[] = {
-        {.queued = 20, .settled = 7}, {.queued = 10, .settled = 8}, {.queued = 30, .settled = 2}};
+    const struct ls_credit_camera cameras[] = {{.queued = 20, .settled = 7, .window = 99},
+                                               {.queued = 10, .settled = 8, .window = 99},
+                                               {.queued = 30, .settled = 2, .window = 99},
+                                               {.queued = 30, .settled = 4, .window = 3}};
     g_assert_cmpuint(ls_credit_limit(cameras, 1, 100), ==, 23);
     g_assert_cmpuint(ls_credit_limit(cameras, 2, 100), ==, 14);
     g_assert_cmpuint(ls_credit_limit(cameras, 3, 10), ==, 10);
+    g_assert_cmpuint(ls_credit_limit(cameras, 4, 100), ==, 7);
 }
 
 static void test_ring_full(void)
 {
     for (uint32_t queued = 0; queued <= LS_CREDIT_SPARE; queued++) {
-        const struct ls_credit_camera camera = {.queued = queued, .settled = 7};
+        const struct ls_credit_camera camera = {.queued = queued, .settled = 7, .window = 99};
         g_assert_cmpuint(ls_credit_limit(&camera, 1, 100), ==, 7);
     }
 }
 
 enum { PERIOD_US = 13889, SLOTS = 32, ROOM = SLOTS - LS_CREDIT_SPARE };
 
-static void test_slow_camera(void)
+static void test_first_window(void)
 {
-    g_assert_cmpuint(ls_credit_slots(32, 536000, 13889), ==, 19 + LS_CREDIT_SPARE);
-    g_assert_cmpuint(ls_credit_slots(16, 536000, 13889), ==, 16);
-    g_assert_cmpuint(ls_credit_slots(32, 1500000, 500000), ==, LS_CREDIT_LEAST + LS_CREDIT_SPARE);
-    /* frames that come one every 27 ms, half as fast as the pulses, none too late: the first of a
-     * full pipe is had before the patience of the last is over */
-    g_assert_cmpuint(19 * 27000, <, 536000);
+    g_assert_cmpuint(ls_credit_first_window(536000, PERIOD_US), ==, 19);
+    g_assert_cmpuint(ls_credit_first_window(1500000, 500000), ==, LS_CREDIT_LEAST);
+}
+
+static void test_window(void)
+{
+    g_assert_cmpuint(ls_credit_window(536000, 10, 268000), ==, 10); /* as it should be */
+    g_assert_cmpuint(ls_credit_window(536000, 10, 536000), ==, 5);
+    g_assert_cmpuint(ls_credit_window(536000, 1, 20000), ==, 13);
+    g_assert_cmpuint(ls_credit_window(536000, 1, 5000000), ==, 1); /* never none */
+    g_assert_cmpuint(ls_credit_window(536000, 5, 0), >, 1000);
+    g_assert_cmpuint(ls_credit_window(UINT32_MAX * 100ull, UINT32_MAX, 1), ==, UINT32_MAX);
+}
+
+/* A camera that is @away_us far and gives its frames one after the other, each after between half
+ * and one and a half @serve_us. */
+struct served {
+    double away_us, serve_us;
+    /* results */
+    double latency_us; /* the longest, once the first window is over */
+    double period_us;  /* mean, from then on */
+};
+
+static void serve(struct served *how, double patience_us, GRand *rand)
+{
+    enum { STEPS = 600, SKIP = 60 };
+    double fired_us[STEPS], here_us[STEPS], busy_us = 0, us = 0;
+    uint32_t under_way[STEPS], fired = 0, settled = 0, granted = 0;
+    struct ls_credit_camera camera = {
+        .queued = SLOTS, .window = ls_credit_first_window((uint64_t)patience_us, PERIOD_US)};
+    struct ls_credit credit = {0};
+    for (; settled < STEPS; us += 500) {
+        while (settled < fired && here_us[settled] <= us) {
+            double latency_us = here_us[settled] - fired_us[settled];
+            how->latency_us = MAX(how->latency_us, settled < SKIP ? 0 : latency_us);
+            camera.window =
+                ls_credit_window((uint64_t)patience_us, under_way[settled], (uint64_t)latency_us);
+            camera.settled = ++settled;
+        }
+        uint32_t limit = ls_credit_limit(&camera, 1, STEPS);
+        granted = ls_credit_grant(&credit, granted, fired, limit, camera.window, (uint64_t)us);
+        if (fired == granted || (fired && us - fired_us[fired - 1] < PERIOD_US))
+            continue;
+        fired_us[fired] = us;
+        busy_us = MAX(busy_us, us) + how->serve_us * g_rand_double_range(rand, 0.5, 1.5);
+        here_us[fired] = busy_us + how->away_us;
+        under_way[fired] = fired + 1 - settled;
+        fired++;
+    }
+    how->period_us = (fired_us[STEPS - 1] - fired_us[SKIP]) / (STEPS - 1 - SKIP);
+}
+
+/* However slow, frames come before they pile up, and at nearly the rate they can come at. */
+static void test_served(void)
+{
+    const double patience_us = 540000;
+    guint32 seed = g_test_rand_int();
+    GRand *rand = g_rand_new_with_seed(seed);
+    g_test_message("seed %u", seed);
+    for (int i = 0; i < 200; i++) {
+        struct served how = {.away_us = g_rand_double_range(rand, 2000, 40000),
+                             .serve_us = g_rand_double_range(rand, 1000, 80000)};
+        serve(&how, patience_us, rand);
+        g_test_message("%.0f ms away, %.0f ms a frame: at most %.0f ms late, one in %.0f ms",
+                       how.away_us / 1e3, how.serve_us / 1e3, how.latency_us / 1e3,
+                       how.period_us / 1e3);
+        /* a window measured at frames twice as quick as the mean, then all half as slow again:
+         * three times half of the patience, and the way */
+        g_assert_cmpfloat(how.latency_us, <, 1.5 * patience_us + how.away_us);
+        /* a tick of 0.5 ms a period; windows of two or three run dry now and then */
+        g_assert_cmpfloat(how.period_us, <, 1.25 * MAX(how.serve_us, PERIOD_US + 500));
+    }
+    g_rand_free(rand);
 }
 
 static const struct ls_condition kinds[] = {{.kind = LS_CONDITION_DARK},
@@ -60,9 +130,9 @@ static void test_still(void)
     const struct ls_program program = sequence(100, 0, 0, &steps);
     struct ls_credit credit;
     ls_credit_init(&credit, &program, 32, false, 0);
-    g_assert_cmpuint(ls_credit_grant(&credit, 0, 0, 3, 0), ==, 3);
-    g_assert_cmpuint(ls_credit_grant(&credit, 3, 3, 4, 1000), ==, 4);
-    g_assert_cmpuint(ls_credit_grant(&credit, 4, 4, 2, 2000), ==, 4);
+    g_assert_cmpuint(ls_credit_grant(&credit, 0, 0, 3, 3, 0), ==, 3);
+    g_assert_cmpuint(ls_credit_grant(&credit, 3, 3, 4, 1, 1000), ==, 4);
+    g_assert_cmpuint(ls_credit_grant(&credit, 4, 4, 2, 9, 2000), ==, 4);
     g_free(steps);
 }
 
@@ -84,9 +154,9 @@ static void see(struct sight *sight, uint64_t us)
 }
 
 /* Run a program where a slot is free again @slot_us after the one before at the earliest, and
- * @late_us after its step. */
+ * @late_us after its step, and no more than @window steps may be under way. */
 static void play(const struct ls_program *program, uint64_t slot_us, uint64_t late_us,
-                 struct sight *sight, struct ls_credit *credit)
+                 uint32_t window, struct sight *sight, struct ls_credit *credit)
 {
     uint64_t *fired_us = g_new0(uint64_t, program->n_steps + 1), free_us = 0, us;
     uint32_t granted = 0, fired = 0, settled = 0;
@@ -96,8 +166,8 @@ static void play(const struct ls_program *program, uint64_t slot_us, uint64_t la
             settled++;
             free_us = us + slot_us;
         }
-        uint32_t limit = MIN(settled + ROOM, program->n_steps);
-        granted = ls_credit_grant(credit, granted, fired, limit, us * 1000);
+        uint32_t limit = MIN(settled + MIN(ROOM, window), program->n_steps);
+        granted = ls_credit_grant(credit, granted, fired, limit, window, us * 1000);
         g_assert_cmpuint(granted, <=, MAX(limit, granted));
         if (fired == granted || (fired && us - fired_us[fired - 1] < PERIOD_US))
             continue;
@@ -122,9 +192,24 @@ static void test_starved(void)
         struct ls_credit credit;
         struct sight sight = {.end_us = 1000000};
         ls_credit_init(&credit, &program, SLOTS, true, 0);
-        play(&program, 80000, 20000, &sight, &credit);
+        play(&program, 80000, 20000, SLOTS, &sight, &credit);
         g_assert_cmpuint(sight.flashes, >, 1);
         g_assert_cmpuint(sight.flashes, <, 20);
+        g_free(steps);
+    }
+}
+
+/* A network that lets few steps be under way makes short bursts, not none and not a flicker. */
+static void test_narrow(void)
+{
+    for (uint32_t window = 1; window < 12; window += 3) {
+        struct ls_step *steps;
+        const struct ls_program program = sequence(60, 3, 8, &steps);
+        struct ls_credit credit;
+        struct sight sight = {.end_us = 1000000};
+        ls_credit_init(&credit, &program, SLOTS, true, 0);
+        play(&program, 90000, 20000, window, &sight, &credit);
+        g_assert_cmpuint(sight.flashes, >=, 60 / window);
         g_free(steps);
     }
 }
@@ -138,7 +223,7 @@ static void test_fed(void)
     struct ls_credit credit;
     struct sight sight = {.end_us = 1000000};
     ls_credit_init(&credit, &program, SLOTS, true, 0);
-    play(&program, 0, 20000, &sight, &credit);
+    play(&program, 0, 20000, SLOTS, &sight, &credit);
     double ideal_us = (LIGHTS + (LIGHTS / 50 - 1) * WATCH) * (double)PERIOD_US;
     g_assert_cmpuint(sight.flashes, ==, LIGHTS / 50);
     g_assert_cmpfloat((double)(sight.last_us - sight.first_us), <, 1.06 * ideal_us);
@@ -154,7 +239,7 @@ static void test_programs(void)
     struct sight sight = {.end_us = 1000000};
     for (int pass = 0; pass < 4; pass++) {
         ls_credit_init(&credit, &program, SLOTS, true, credit.started_ns);
-        play(&program, 0, 20000, &sight, &credit);
+        play(&program, 0, 20000, SLOTS, &sight, &credit);
     }
     g_assert_cmpuint(sight.flashes, ==, 4);
     g_free(steps);
@@ -167,7 +252,7 @@ static void test_slow_plan(void)
     struct ls_credit credit;
     program.period_us = 100000; /* 10 Hz, allowed by the operator */
     ls_credit_init(&credit, &program, 32, true, 0);
-    g_assert_cmpuint(ls_credit_grant(&credit, 0, 0, 1, 0), ==, 1);
+    g_assert_cmpuint(ls_credit_grant(&credit, 0, 0, 1, 9, 0), ==, 1);
     g_free(steps);
 }
 
@@ -176,9 +261,12 @@ int main(int argc, char **argv)
     g_test_init(&argc, &argv, NULL);
     g_test_add_func("/credit/the-camera-with-the-least-room-counts", test_least_room);
     g_test_add_func("/credit/ring-full-stops-credit", test_ring_full);
-    g_test_add_func("/credit/a-camera-half-as-fast-as-planned-is-not-overrun", test_slow_camera);
+    g_test_add_func("/credit/before-any-frame-they-are-expected-as-planned", test_first_window);
+    g_test_add_func("/credit/the-window-is-what-is-served-in-half-of-a-patience", test_window);
+    g_test_add_func("/credit/slow-or-far-cameras-are-not-overrun-and-not-starved", test_served);
     g_test_add_func("/credit/a-still-subject-gets-every-slot-at-once", test_still);
     g_test_add_func("/credit/a-starved-live-take-pauses-instead-of-flashing", test_starved);
+    g_test_add_func("/credit/a-narrow-window-makes-short-bursts-of-a-live-take", test_narrow);
     g_test_add_func("/credit/a-live-take-that-is-fed-keeps-its-rate-between-watches", test_fed);
     g_test_add_func("/credit/a-program-after-another-waits-its-pause", test_programs);
     g_test_add_func("/credit/an-allowed-slow-plan-is-not-held-back", test_slow_plan);

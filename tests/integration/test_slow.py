@@ -1,5 +1,6 @@
 #!/usr/bin/python3 -B
-"""A disk and a merge that cannot keep up (slow.c makes the real ones slow), and a live subject."""
+"""A disk and a merge that cannot keep up (slow.c makes the real ones slow), a camera's network that
+cannot, and a live subject."""
 import os
 
 import flashing
@@ -47,6 +48,20 @@ def test_a_slow_disk_pauses_the_lights_and_neither_loses_nor_flashes(folder):
 
 def test_a_slow_merge_pauses_the_lights_and_neither_loses_nor_flashes(folder):
     spared(folder, MERGE)
+
+
+def test_a_slow_network_slows_the_lights_and_loses_nothing(folder):
+    # frames one by one, each 25 to 75 ms after the one before: of 19 under way, as many as come in
+    # half of a frame's patience of 0.54 s at the planned rate, the last would come after 0.95 s
+    rig = harness.twelve(folder, f'{{ kind = "crowded"; at = {takes.FIRST_LIGHT}; value = 50; '
+                                 'seed = 11; }', scene="stamp").start()
+    code, status, err = takes.photograph(rig)
+    assert code == 0 and status["state"] == "complete", (status, err)
+    assert takes.is_good(rig, status["id"])["shots_repaired"] == 0, status
+    seen = [t for t, _ in flashing.pulses(rig)]
+    rate = (len(seen) - 1) / (seen[-1] - seen[0])
+    print(f"# {rate:.1f} pulses a second", flush=True)
+    assert rate < 0.5 * PLANNED_FPS, f"{rate} a second: nothing slowed it"
 
 
 def test_three_exposures_of_a_live_subject_need_the_override(folder):
