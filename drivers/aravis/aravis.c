@@ -2,6 +2,7 @@
 
 #include "drivers/aravis/receive_path.h"
 #include "drivers/aravis/settings.h"
+#include "drivers/aravis/watch.h"
 
 #include <arpa/inet.h>
 #include <errno.h>
@@ -34,10 +35,11 @@ struct aravis {
     int rt_priority;
 
     ArvStream *stream;
+    struct ls_aravis_watch *watch; /* while it streams */
     size_t n_slots;
     _Atomic(ArvBuffer *) *held; /* per slot: the buffer the caller has, or NULL */
     uint64_t raw_id, frame_id;  /* of the last good frame; 0 = none yet */
-    sem_t receiving;            /* posted when the receive thread runs */
+    sem_t receiving, received;  /* posted when the receive thread runs; when it ends */
     atomic_bool realtime;
 
     /* `users` are inside next or release; stop keeps new ones out and waits for those. Whoever
@@ -174,6 +176,8 @@ static void on_stream(void *user, ArvStreamCallbackType type, ArvBuffer *buffer)
     struct sched_param priority = {.sched_priority = a->rt_priority};
     if (type == ARV_STREAM_CALLBACK_TYPE_BUFFER_DONE)
         eventfd_write(a->wake, 1);
+    if (type == ARV_STREAM_CALLBACK_TYPE_EXIT)
+        sem_post(&a->received);
     if (type != ARV_STREAM_CALLBACK_TYPE_INIT)
         return;
     if (a->rt_priority > 0)
@@ -182,8 +186,9 @@ static void on_stream(void *user, ArvStreamCallbackType type, ArvBuffer *buffer)
     sem_post(&a->receiving);
 }
 
-static void note_gone(struct aravis *a)
+static void note_gone(void *user)
 {
+    struct aravis *a = user;
     atomic_store(&a->gone, true);
     eventfd_write(a->wake, 1);
 }
@@ -238,9 +243,38 @@ static enum ls_err connect_camera(struct aravis *a, struct ls_diag *diag)
     return LS_OK;
 }
 
-static void aravis_close(void *priv)
+/** Do what waits for the camera's answers. One that is gone gets some 3 s for each: nobody else
+ * needs to wait for those. */
+static void take_leave(struct aravis *a, GThreadFunc last_words, void *data)
 {
-    struct aravis *a = priv;
+    GThread *thread =
+        atomic_load(&a->gone) ? g_thread_try_new("ls-leave", last_words, data, NULL) : NULL;
+    if (thread)
+        g_thread_unref(thread);
+    else
+        last_words(data);
+}
+
+static void *unref(void *object)
+{
+    g_object_unref(object);
+    return NULL;
+}
+
+/** Nothing is written into the slots any more, nor any callback called, when this returns. */
+static void give_up_stream(struct aravis *a)
+{
+    if (!a->stream)
+        return;
+    take_leave(a, unref, a->stream);
+    while (sem_wait(&a->received) && errno == EINTR)
+        continue;
+    a->stream = NULL;
+}
+
+static void *finish(void *data)
+{
+    struct aravis *a = data;
     if (a->camera)
         g_signal_handlers_disconnect_by_data(arv_camera_get_device(a->camera), a);
     g_clear_object(&a->camera);
@@ -249,8 +283,15 @@ static void aravis_close(void *priv)
     if (a->left >= 0)
         close(a->left);
     sem_destroy(&a->receiving);
+    sem_destroy(&a->received);
     free(a->held);
     free(a);
+    return NULL;
+}
+
+static void aravis_close(void *priv)
+{
+    take_leave(priv, finish, priv);
 }
 
 static enum ls_err aravis_open(const struct ls_camera_config *config, void **priv,
@@ -262,6 +303,7 @@ static enum ls_err aravis_open(const struct ls_camera_config *config, void **pri
     enum ls_err err = LS_OK;
     strncpy(a->address, config->address, sizeof a->address - 1);
     sem_init(&a->receiving, 0, 0);
+    sem_init(&a->received, 0, 0);
     a->wake = eventfd(0, EFD_CLOEXEC | EFD_NONBLOCK);
     a->left = eventfd(0, EFD_CLOEXEC);
     if (a->wake < 0 || a->left < 0)
@@ -305,7 +347,7 @@ static enum ls_err create_stream(struct aravis *a, ArvGvStreamOption options,
                                  struct ls_camera_info *info, struct ls_diag *diag)
 {
     GError *error = NULL;
-    g_clear_object(&a->stream);
+    give_up_stream(a);
     arv_camera_gv_set_stream_options(a->camera, options);
     a->stream = arv_camera_create_stream(a->camera, on_stream, a, &error);
     if (!a->stream)
@@ -379,8 +421,10 @@ static enum ls_err aravis_start(void *priv, const struct ls_camera_slots *slots,
         err = push_slots(a, slots, info->payload_bytes);
     if (!err)
         err = start_acquisition(a, diag);
+    if (!err)
+        err = ls_aravis_watch_start(a->address, a->stream, note_gone, a, &a->watch, diag);
     if (err) {
-        g_clear_object(&a->stream);
+        give_up_stream(a);
         return err;
     }
     atomic_store(&a->aborted, false);
@@ -410,10 +454,13 @@ static void aravis_stop(void *priv, struct ls_camera_stats *stats)
 {
     struct aravis *a = priv;
     wait_for_users(a);
-    if (!atomic_load(&a->gone))
+    bool answers = !atomic_load(&a->gone) && ls_aravis_watch_answers(a->watch);
+    ls_aravis_watch_stop(a->watch);
+    a->watch = NULL;
+    if (answers)
         arv_camera_stop_acquisition(a->camera, NULL); /* a refusal changes nothing for us */
     read_stats(a, stats);
-    g_clear_object(&a->stream);
+    give_up_stream(a);
     for (size_t slot = 0; slot < a->n_slots; slot++) {
         ArvBuffer *buffer = atomic_exchange(&a->held[slot], NULL);
         if (buffer)
@@ -461,6 +508,8 @@ static enum ls_err aravis_control(void *priv, struct ls_camera_control *control,
                                   struct ls_diag *diag)
 {
     struct aravis *a = priv;
+    if (control->verb != LS_CAMERA_WAKE && a->watch && !ls_aravis_watch_answers(a->watch))
+        return ls_fail(diag, LS_ERR_GONE, "camera %s: it has fallen silent", a->address);
     enum ls_err err = command(a, control, diag);
     if (err == LS_ERR_GONE)
         note_gone(a);

@@ -5,8 +5,13 @@
  *
  * The packet socket of Aravis needs CAP_NET_RAW; without it Aravis silently reads UDP, which at
  * 300 MB/s needs 32 MiB in net.core.rmem_max and rmem_default: info says which path is in use and
- * what the kernel grants. Control is lost after 5.6 s of silence, then `next` says LS_ERR_GONE;
- * a register access to a silent camera says so after 2.5 s.
+ * what the kernel grants.
+ *
+ * A camera that falls silent or starts afresh while it streams is gone after at most 2.4 s
+ * (watch.h): `next` says LS_ERR_GONE, and so does every register access. Stop and close do not wait
+ * for such a camera; threads of their own take leave of it, and meanwhile, some seconds, it may say
+ * LS_ERR_BUSY to who opens it again. Before it streams, a register access to a silent camera takes
+ * 3 s.
  */
 #ifndef LS_DRIVERS_ARAVIS_H
 #define LS_DRIVERS_ARAVIS_H
