@@ -176,6 +176,9 @@ static int run(struct ls_command_context *context, int argc, char **argv)
     body.level = o.level;
     enum ls_err err = ls_connection_send(context->connection, LS_MESSAGE_PREVIEW, &body.base, NULL,
                                          0, &request, &context->diag);
+    if (!err && !o.exposure_us && !context->json)
+        fputs("waiting for frames of a take; --exposure US shows what a camera sees without one\n",
+              stderr);
     return err ? ls_command_failed(context, err) : look(context, &o, request);
 }
 

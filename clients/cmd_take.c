@@ -95,9 +95,8 @@ static int print_take_json(struct ls_command_context *context, const struct ls_r
     ls_command_print_json(json_pack("{ss ss sI sI sI sI sI so}", "id", s->id, "state", s->state,
                                     "conditions_planned", (json_int_t)s->conditions_planned,
                                     "conditions_published", (json_int_t)s->conditions_published,
-                                    "width", (json_int_t)s->width, "height",
-                                    (json_int_t)s->height, "lights", (json_int_t)s->n_lights,
-                                    "take", document));
+                                    "width", (json_int_t)s->width, "height", (json_int_t)s->height,
+                                    "lights", (json_int_t)s->n_lights, "take", document));
     return LS_EXIT_OK;
 }
 
@@ -128,18 +127,23 @@ static void print_verify_json(const Lightstage__TakeVerifyReply *v)
     json_t *findings = json_array();
     for (size_t i = 0; i < v->n_findings; i++)
         json_array_append_new(findings, json_string(ls_clean(v->findings[i])));
-    ls_command_print_json(json_pack("{sI sI sI so}", "conditions_checked",
-                                    (json_int_t)v->conditions_checked, "conditions_missing",
-                                    (json_int_t)v->conditions_missing, "conditions_damaged",
-                                    (json_int_t)v->conditions_damaged, "findings", findings));
+    ls_command_print_json(json_pack(
+        "{sI sI sI sI sI so sI}", "shots_planned", (json_int_t)v->shots_planned, "shots_ticketed",
+        (json_int_t)v->shots_ticketed, "conditions_checked", (json_int_t)v->conditions_checked,
+        "conditions_missing", (json_int_t)v->conditions_missing, "conditions_damaged",
+        (json_int_t)v->conditions_damaged, "findings", findings, "findings_left_out",
+        (json_int_t)v->findings_left_out));
 }
 
 static void print_verify(const Lightstage__TakeVerifyReply *v)
 {
-    printf("%u pictures checked, %u missing, %u damaged\n", v->conditions_checked,
-           v->conditions_missing, v->conditions_damaged);
+    printf("%u of %u shots have their ticket\n%u pictures checked, %u missing, %u damaged\n",
+           v->shots_ticketed, v->shots_planned, v->conditions_checked, v->conditions_missing,
+           v->conditions_damaged);
     for (size_t i = 0; i < v->n_findings; i++)
         printf("  %s\n", ls_clean(v->findings[i]));
+    if (v->findings_left_out)
+        printf("  and %u more like these\n", v->findings_left_out);
 }
 
 static int run_verify(struct ls_command_context *context, int argc, char **argv)
@@ -184,6 +188,7 @@ const struct ls_command ls_command_take_list = {"take list", "The takes on disk,
 const struct ls_command ls_command_take_show = {
     "take show", "One take; --json prints its whole document", "TAKE [--json]", run_show};
 const struct ls_command ls_command_take_verify = {
-    "take verify", "Read every picture back against its checksums", "TAKE [--json]", run_verify};
+    "take verify", "Follow every shot from plan to disk, read every picture back", "TAKE [--json]",
+    run_verify};
 const struct ls_command ls_command_take_abort = {"take abort", "Stop the running take", "",
                                                  run_abort};

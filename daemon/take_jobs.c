@@ -158,16 +158,18 @@ struct ls_job *ls_take_show_job(uint32_t request, const char *storage, const cha
 
 /* ---- verify ---- */
 
-/* Cut the report into its lines, in place; long ones are shortened. */
+/* Cut the report into its lines, in place; long ones are shortened and say so. How many there are:
+ * beyond MAX_FINDINGS they are counted only. */
 static size_t cut_lines(char *text, char *lines[MAX_FINDINGS])
 {
+    static const char more[] = " ...";
     size_t n = 0;
     char *rest = NULL;
-    for (char *line = strtok_r(text, "\n", &rest); line && n < MAX_FINDINGS;
-         line = strtok_r(NULL, "\n", &rest)) {
+    for (char *line = strtok_r(text, "\n", &rest); line; line = strtok_r(NULL, "\n", &rest), n++) {
         if (strlen(line) > MAX_FINDING_BYTES)
-            line[MAX_FINDING_BYTES] = '\0';
-        lines[n++] = line;
+            memcpy(line + MAX_FINDING_BYTES - strlen(more), more, sizeof more);
+        if (n < MAX_FINDINGS)
+            lines[n] = line;
     }
     return n;
 }
@@ -188,8 +190,12 @@ static enum ls_err verify_step(struct ls_job *job, struct ls_chunk *chunk, bool 
         body.conditions_checked = report.pictures_good + report.pictures_damaged;
         body.conditions_missing = report.pictures_missing;
         body.conditions_damaged = report.pictures_damaged;
-        body.n_findings = cut_lines(report.text, lines);
+        size_t n = cut_lines(report.text, lines);
+        body.n_findings = n < MAX_FINDINGS ? n : MAX_FINDINGS;
+        body.findings_left_out = (uint32_t)(n - body.n_findings);
         body.findings = lines;
+        body.shots_planned = report.shots_planned;
+        body.shots_ticketed = report.shots_ticketed;
         *last = true;
         err = reply(self, LS_MESSAGE_TAKE_VERIFY, &body.base, true, chunk, diag);
     }

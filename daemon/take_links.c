@@ -3,7 +3,7 @@
 #include <jansson.h>
 #include <math.h>
 
-/* The last good tickets, by pointer. */
+/* The last good tickets, by pointer, the newest first. */
 static GPtrArray *last_tickets(const struct ls_takedir *take)
 {
     GPtrArray *last = g_ptr_array_new();
@@ -44,7 +44,7 @@ static void check_planned(const struct ls_takedir *take, const GPtrArray *last, 
     const json_t *pulses = json_object_get(plan, "pulse_us");
     uint32_t n_steps = take->n_cameras ? take->n_shots / take->n_cameras : 0;
     int *of_step = planned_conditions(plan, n_steps);
-    for (guint i = 0; json_object_get(plan, "conditions") && i < last->len; i++) {
+    for (guint i = last->len; json_object_get(plan, "conditions") && i-- > 0;) {
         const struct ls_ticket *t = last->pdata[i];
         const json_t *pulse = json_array_get(pulses, t->exposure);
         if (t->step >= n_steps || t->camera >= take->n_cameras ||

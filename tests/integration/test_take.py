@@ -202,6 +202,16 @@ def flipped(path):
         file.write(bytes([byte[0] ^ 1]))
 
 
+def asked_otherwise(line):
+    """A ticket of another pulse, as sound as the one that was there; other records as they are."""
+    if b'"k":"ticket"' not in line:
+        return line
+    ticket = json.loads(line[9:])
+    ticket["pulse_us"] += 1
+    text = json.dumps(ticket).encode()
+    return b"%08x %s" % (takes.crc32c(text), text)
+
+
 def test_every_broken_link_from_plan_to_disk_is_named_by_verify(folder):
     rig = harness.twelve(folder, scene="stamp").start()
     code, status, err = takes.photograph(rig)
@@ -241,7 +251,12 @@ def test_every_broken_link_from_plan_to_disk_is_named_by_verify(folder):
     flipped(os.path.join(home, "cam0", "raw", "40-0.raw"))  # checksummed
     names("raw frame of shot 40 is not what its ticket says")
     flipped(os.path.join(home, "cam0", "raw", "40-0.raw"))
-    assert takes.ask(rig, "take", "verify", take)[0] == 0
+    code, out, _ = takes.ask(rig, "take", "verify", take)
+    assert code == 0
+    takes.says(out, "78 of 78 shots have their ticket")
+    with open(path, "wb") as file:
+        file.write(b"\n".join(asked_otherwise(line) for line in lines))
+    names("shot 0 asked for", "and 14 more like these")  # of 78; the answer holds 64
 
 
 if __name__ == "__main__":
