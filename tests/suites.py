@@ -23,7 +23,10 @@ import xml.etree.ElementTree as xml
 ROOT = os.path.dirname(os.path.dirname(os.path.abspath(__file__)))
 SOAK = os.path.join(ROOT, "tests", "integration", "soak.py")
 NOT_BUILT = 125  # meson test's exit code where its build fails
-AT_ONCE = len(os.sched_getaffinity(0)) + 1  # programs: one in three waits
+CORES = len(os.sched_getaffinity(0))
+UNITS = ["--no-suite=integration"]
+# takes keep a third of a core busy; the rest of the time they wait for exposures and timeouts
+INTEGRATION = ["--suite=integration", f"--num-processes={2 * CORES}"]
 INTERRUPTS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 SANITIZE = ["-Db_sanitize=address,undefined", "-Db_lundef=false"]
 
@@ -46,9 +49,9 @@ def call(*command, env=None):
             raise
 
 
-def build(name, options=(), cc="gcc", selection=()):
-    """Configure and build everything; the tree's folder, or None. What a selection of tests needs
-    is built by meson test."""
+def build(name, options=(), cc="gcc", whole=True):
+    """Configure a tree and build all of it; its folder, or None. What else a selection of tests
+    needs is built by meson test."""
     folder = os.path.join(ROOT, name)
     say(f"building with {cc} into {name} {' '.join(options)}".rstrip())
     if not shutil.which(cc):
@@ -60,7 +63,7 @@ def build(name, options=(), cc="gcc", selection=()):
         again = ["--reconfigure"] if known else []
         if call("meson", "setup", *again, folder, ROOT, *options, env={"CC": cc}):
             return None
-    return None if not selection and call("ninja", "-C", folder, "--quiet") else folder
+    return None if whole and call("ninja", "-C", folder, "--quiet") else folder
 
 
 def junit(folder):
@@ -100,7 +103,7 @@ def meson_run(folder, arguments, env):
     """One run of meson test; what count() says of it."""
     forget(folder)
     code = call("meson", "test", "-C", folder, "--print-errorlogs",
-                "--timeout-multiplier=4", f"--num-processes={AT_ONCE}", *arguments, env=env)
+                "--timeout-multiplier=4", *arguments, env=env)
     if code == NOT_BUILT:
         return 0, 1, 0, [f"{os.path.basename(folder)} does not build"]
     if not os.path.exists(junit(folder)):
@@ -134,13 +137,14 @@ def meson_test(folder, selection, env=None):
     return (first[0] + (0 if second[1] else first[1]), second[1], first[2], second[3])
 
 
-def run_job(name, options, cc, selection, own, env):
-    """Build and test one tree, own being its environment beside all trees' env; as count()."""
+def run_job(name, options, cc, whole, selection, own, env):
+    """Build a tree and run a selection of its tests, own being their environment beside every
+    job's env; as count()."""
     forget(os.path.join(ROOT, name))
-    folder = build(name, options, cc, selection)
+    folder = build(name, options, cc, whole)
     if not folder:
         return 0, 1, 0, [f"{name} does not build"]
-    say(f"testing {name}")
+    say(f"testing {name} {' '.join(selection)}")
     return meson_test(folder, selection, {**env, **own})
 
 
@@ -184,13 +188,14 @@ def main():
     jobs = []
     if suite == "tsan":
         jobs.append(("build-tsan", ["-Db_sanitize=thread", "-Db_lundef=false"], "clang",
-                     ["--suite=daemon"], {}))
+                     False, ["--suite=daemon"], {}))
         env["TSAN_OPTIONS"] = "halt_on_error=0"
     elif suite != "sanitize":
-        jobs.append(("build" if suite != "ci" else "build-ci", strict, "gcc", [], {}))
+        name = "build" if suite != "ci" else "build-ci"
+        jobs += [(name, strict, "gcc", True, tests, {}) for tests in (UNITS, INTEGRATION)]
     if suite in ("ci", "sanitize"):
-        jobs.append(("build-sanitize", SANITIZE + strict, "clang",
-                     ["--no-suite=integration", "--no-suite=bench", "--no-suite=layers"], brief))
+        jobs.append(("build-sanitize", SANITIZE + strict, "clang", False,
+                     [*UNITS, "--no-suite=bench", "--no-suite=layers"], brief))
         # the USB tests run under umockdev's preload library, which comes first
         env["ASAN_OPTIONS"] = "detect_leaks=1:verify_asan_link_order=0"
         env["UBSAN_OPTIONS"] = "halt_on_error=1:print_stacktrace=1"
