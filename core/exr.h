@@ -126,6 +126,17 @@ LS_MUST_CHECK enum ls_err ls_exr_write_mosaic(const struct ls_exr_mosaic *mosaic
                                               size_t *n_bytes, struct ls_diag *diag);
 
 /**
+ * The same bytes into the caller's memory. Errors as before; LS_ERR_NOMEM also if @capacity is less
+ * than they need, which ls_exr_mosaic_room is not.
+ */
+LS_MUST_CHECK enum ls_err ls_exr_write_mosaic_to(const struct ls_exr_mosaic *mosaic, uint8_t *bytes,
+                                                 size_t capacity, size_t *n_bytes,
+                                                 struct ls_diag *diag);
+
+/** An upper bound of this mosaic's file in bytes, attributes up to 16 KiB. RT-safe. */
+uint64_t ls_exr_mosaic_room(const struct ls_exr_mosaic *mosaic);
+
+/**
  * An interleaved picture of 1 (Y) or 3 (R G B) channels as one part. @type: how it is stored.
  */
 LS_MUST_CHECK enum ls_err ls_exr_write_image(const struct ls_image *image, enum ls_exr_type type,

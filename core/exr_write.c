@@ -12,6 +12,8 @@ enum { MAX_CHANNELS = 64 };
 struct sink {
     uint8_t *bytes;
     size_t n, capacity;
+    bool fixed; /* the memory is the caller's */
+    bool full;  /* there was no more */
     char message[256];
 };
 
@@ -19,6 +21,9 @@ static bool grow(struct sink *sink, size_t need)
 {
     if (need <= sink->capacity)
         return true;
+    sink->full = sink->fixed;
+    if (sink->full)
+        return false;
     size_t capacity = sink->capacity * 2 > need ? sink->capacity * 2 : need;
     uint8_t *bytes = sink->bytes ? realloc(sink->bytes, capacity) : calloc(1, capacity);
     if (!bytes)
@@ -251,13 +256,13 @@ static exr_result_t write_parts(exr_context_t context, const struct ls_exr_part 
 
 static enum ls_err fail(const struct sink *sink, exr_result_t r, struct ls_diag *diag)
 {
-    enum ls_err err = r == EXR_ERR_OUT_OF_MEMORY ? LS_ERR_NOMEM : LS_ERR_INVALID;
+    enum ls_err err = r == EXR_ERR_OUT_OF_MEMORY || sink->full ? LS_ERR_NOMEM : LS_ERR_INVALID;
     return ls_fail(diag, err, "OpenEXR: cannot write: %s",
                    *sink->message ? sink->message : exr_get_default_error_message(r));
 }
 
-enum ls_err ls_exr_write(const struct ls_exr_part *parts, size_t n_parts, uint8_t **bytes,
-                         size_t *n_bytes, struct ls_diag *diag)
+static enum ls_err check_parts(const struct ls_exr_part *parts, size_t n_parts,
+                               struct ls_diag *diag)
 {
     if (!n_parts || n_parts > INT16_MAX)
         return ls_fail(diag, LS_ERR_INVALID, "OpenEXR: a file of %zu parts", n_parts);
@@ -266,26 +271,40 @@ enum ls_err ls_exr_write(const struct ls_exr_part *parts, size_t n_parts, uint8_
         if (err)
             return err;
     }
-    struct sink sink = {0};
+    return LS_OK;
+}
+
+static enum ls_err write_into(const struct ls_exr_part *parts, size_t n_parts, struct sink *sink,
+                              struct ls_diag *diag)
+{
     exr_context_initializer_t init = EXR_DEFAULT_CONTEXT_INITIALIZER;
     init.error_handler_fn = on_error;
-    init.user_data = &sink;
+    init.user_data = sink;
     init.write_fn = write_at;
     init.max_image_width = init.max_image_height = LS_EXR_MAX_PX;
     init.max_tile_width = init.max_tile_height = LS_EXR_MAX_PX;
 
     exr_context_t context = NULL;
-    exr_result_t r =
-        grow(&sink, expected_bytes(parts, n_parts)) ? EXR_ERR_SUCCESS : EXR_ERR_OUT_OF_MEMORY;
-    if (!r)
-        r = exr_start_write(&context, "picture", EXR_WRITE_FILE_DIRECTLY, &init);
+    exr_result_t r = exr_start_write(&context, "picture", EXR_WRITE_FILE_DIRECTLY, &init);
     if (!r)
         r = write_parts(context, parts, n_parts);
     exr_result_t finished = context ? exr_finish(&context) : EXR_ERR_SUCCESS;
     r = r ? r : finished;
-    if (r) {
+    return r ? fail(sink, r, diag) : LS_OK;
+}
+
+enum ls_err ls_exr_write(const struct ls_exr_part *parts, size_t n_parts, uint8_t **bytes,
+                         size_t *n_bytes, struct ls_diag *diag)
+{
+    struct sink sink = {0};
+    enum ls_err err = check_parts(parts, n_parts, diag);
+    if (!err && !grow(&sink, expected_bytes(parts, n_parts)))
+        err = ls_fail(diag, LS_ERR_NOMEM, "OpenEXR: no memory");
+    if (!err)
+        err = write_into(parts, n_parts, &sink, diag);
+    if (err) {
         free(sink.bytes);
-        return fail(&sink, r, diag);
+        return err;
     }
     *bytes = sink.bytes;
     *n_bytes = sink.n;
@@ -297,37 +316,69 @@ static bool all_zero(const uint8_t *bytes, size_t n)
     return !n || (!bytes[0] && !memcmp(bytes, bytes + 1, n - 1));
 }
 
+/* A mosaic as parts of a file. */
+struct mosaic_parts {
+    struct ls_exr_channel y, validity;
+    struct ls_exr_part parts[2];
+    size_t n;
+};
+
+static void describe(const struct ls_exr_mosaic *mosaic, struct mosaic_parts *out)
+{
+    bool half = mosaic->half != NULL;
+    size_t stride = half ? 2 : 4;
+    out->y = (struct ls_exr_channel){"Y",
+                                     half ? LS_EXR_HALF : LS_EXR_FLOAT,
+                                     half ? LS_EXR_FROM_HALF : LS_EXR_FROM_FLOAT,
+                                     half ? (const void *)mosaic->half : mosaic->floats,
+                                     stride,
+                                     stride * mosaic->width};
+    out->validity = (struct ls_exr_channel){"Y", LS_EXR_HALF,  LS_EXR_FROM_U8, mosaic->validity,
+                                            1,   mosaic->width};
+    for (int k = 0; k < 2; k++)
+        out->parts[k] = (struct ls_exr_part){.name = k ? "validity" : "mosaic",
+                                             .width = mosaic->width,
+                                             .height = mosaic->height,
+                                             .channels = k ? &out->validity : &out->y,
+                                             .n_channels = 1,
+                                             .attrs = k ? NULL : mosaic->attrs};
+    bool flagged =
+        mosaic->validity && !all_zero(mosaic->validity, (size_t)mosaic->width * mosaic->height);
+    out->n = flagged ? 2 : 1;
+}
+
+static enum ls_err check_mosaic(const struct ls_exr_mosaic *mosaic, struct ls_diag *diag)
+{
+    return !mosaic->half == !mosaic->floats
+               ? ls_fail(diag, LS_ERR_INVALID, "OpenEXR: a mosaic is either half or float")
+               : LS_OK;
+}
+
 enum ls_err ls_exr_write_mosaic(const struct ls_exr_mosaic *mosaic, uint8_t **bytes,
                                 size_t *n_bytes, struct ls_diag *diag)
 {
-    if (!mosaic->half == !mosaic->floats)
-        return ls_fail(diag, LS_ERR_INVALID, "OpenEXR: a mosaic is either half or float");
-    bool half = mosaic->half != NULL;
-    size_t stride = half ? 2 : 4;
-    struct ls_exr_channel y = {"Y",
-                               half ? LS_EXR_HALF : LS_EXR_FLOAT,
-                               half ? LS_EXR_FROM_HALF : LS_EXR_FROM_FLOAT,
-                               half ? (const void *)mosaic->half : mosaic->floats,
-                               stride,
-                               stride * mosaic->width};
-    struct ls_exr_channel validity = {"Y", LS_EXR_HALF,  LS_EXR_FROM_U8, mosaic->validity,
-                                      1,   mosaic->width};
-    struct ls_exr_part parts[2] = {
-        {.name = "mosaic",
-         .width = mosaic->width,
-         .height = mosaic->height,
-         .channels = &y,
-         .n_channels = 1,
-         .attrs = mosaic->attrs},
-        {.name = "validity",
-         .width = mosaic->width,
-         .height = mosaic->height,
-         .channels = &validity,
-         .n_channels = 1},
-    };
-    bool flagged =
-        mosaic->validity && !all_zero(mosaic->validity, (size_t)mosaic->width * mosaic->height);
-    return ls_exr_write(parts, flagged ? 2 : 1, bytes, n_bytes, diag);
+    struct mosaic_parts file;
+    enum ls_err err = check_mosaic(mosaic, diag);
+    if (err)
+        return err;
+    describe(mosaic, &file);
+    return ls_exr_write(file.parts, file.n, bytes, n_bytes, diag);
+}
+
+enum ls_err ls_exr_write_mosaic_to(const struct ls_exr_mosaic *mosaic, uint8_t *bytes,
+                                   size_t capacity, size_t *n_bytes, struct ls_diag *diag)
+{
+    struct mosaic_parts file;
+    struct sink sink = {.bytes = bytes, .capacity = capacity, .fixed = true};
+    enum ls_err err = check_mosaic(mosaic, diag);
+    if (err)
+        return err;
+    describe(mosaic, &file);
+    err = check_parts(file.parts, file.n, diag);
+    if (!err)
+        err = write_into(file.parts, file.n, &sink, diag);
+    *n_bytes = sink.n;
+    return err;
 }
 
 enum ls_err ls_exr_write_image(const struct ls_image *image, enum ls_exr_type type,
@@ -355,11 +406,22 @@ enum ls_err ls_exr_write_image(const struct ls_image *image, enum ls_exr_type ty
     return ls_exr_write(&part, 1, bytes, n_bytes, diag);
 }
 
-uint64_t ls_exr_mosaic_bytes_max(uint32_t width, uint32_t height, enum ls_exr_type type)
+static uint64_t mosaic_bytes(uint32_t width, uint32_t height, size_t bytes_per_pixel)
 {
     uint64_t pixels = (uint64_t)width * height;
     uint64_t tiles =
         ((uint64_t)width / LS_EXR_TILE_PX + 1) * ((uint64_t)height / LS_EXR_TILE_PX + 1);
-    /* pixels, the validity plane as half, per tile and part 8 bytes of table and 24 of leader */
-    return pixels * (sample_bytes(type) + 2) + tiles * 2 * 32 + 32768;
+    /* per tile and part 8 bytes of table and 24 of leader */
+    return pixels * bytes_per_pixel + tiles * 2 * 32 + 32768;
+}
+
+uint64_t ls_exr_mosaic_bytes_max(uint32_t width, uint32_t height, enum ls_exr_type type)
+{
+    return mosaic_bytes(width, height, sample_bytes(type) + 2 /* the validity plane as half */);
+}
+
+uint64_t ls_exr_mosaic_room(const struct ls_exr_mosaic *mosaic)
+{
+    size_t bytes = (mosaic->half ? 2 : 4) + (mosaic->validity ? 2 : 0);
+    return mosaic_bytes(mosaic->width, mosaic->height, bytes);
 }

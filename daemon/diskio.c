@@ -93,19 +93,63 @@ enum ls_err ls_disk_create(const struct ls_disk_shim *shim, int dir_fd, const ch
     return error ? fail("create", name, error, diag) : LS_OK;
 }
 
-static enum ls_err fill(const struct ls_disk_shim *shim, int fd, const char *name,
-                        const void *bytes, size_t n_bytes, struct ls_diag *diag)
+/* The page cache between memory and disk, or not. */
+static bool set_direct(int fd, bool direct)
 {
+    int flags = fcntl(fd, F_GETFL);
+    return flags >= 0 && !fcntl(fd, F_SETFL, direct ? flags | O_DIRECT : flags & ~O_DIRECT);
+}
+
+/* Whole blocks from the front, until something has to go another way: an end that is no block, or
+ * everything, where the file system refuses. */
+static enum ls_err write_blocks(const struct ls_disk_shim *shim, int fd, const char *name,
+                                const char *bytes, size_t n_bytes, size_t *n_done,
+                                struct ls_diag *diag)
+{
+    while (n_bytes - *n_done >= LS_DISK_BLOCK_BYTES && *n_done % LS_DISK_BLOCK_BYTES == 0) {
+        size_t n = n_bytes - *n_done;
+        int error = ask(shim, LS_DISK_WRITE, name, &n);
+        if (error)
+            return fail("write", name, error, diag);
+        n -= n % LS_DISK_BLOCK_BYTES;
+        ssize_t done = n ? write(fd, bytes + *n_done, n) : 0;
+        if (done < 0 && errno == EINTR)
+            continue;
+        if (!n || (done < 0 && errno == EINVAL))
+            return LS_OK;
+        if (done <= 0)
+            return fail("write", name, done ? errno : ENOSPC, diag);
+        *n_done += (size_t)done;
+    }
+    return LS_OK;
+}
+
+static enum ls_err fill(const struct ls_disk_shim *shim, int fd, const char *name,
+                        const char *bytes, size_t n_bytes, size_t *n_direct, struct ls_diag *diag)
+{
+    *n_direct = 0;
     enum ls_err err = ls_disk_allocate(shim, fd, name, n_bytes, diag);
+    if (!err && ls_disk_can_be_direct(bytes, n_bytes) && set_direct(fd, true)) {
+        err = write_blocks(shim, fd, name, bytes, n_bytes, n_direct, diag);
+        if (!err && !set_direct(fd, false))
+            err = fail("write", name, errno, diag);
+    }
     if (!err)
-        err = ls_disk_write(shim, fd, name, bytes, n_bytes, diag);
+        err = ls_disk_write(shim, fd, name, bytes + *n_direct, n_bytes - *n_direct, diag);
     return err ? err : ls_disk_sync(shim, fd, name, diag);
 }
 
+bool ls_disk_can_be_direct(const void *bytes, size_t n_bytes)
+{
+    return (uintptr_t)bytes % LS_DISK_BLOCK_BYTES == 0 && n_bytes >= LS_DISK_BLOCK_BYTES;
+}
+
 enum ls_err ls_disk_replace(const struct ls_disk_shim *shim, int dir_fd, const char *name,
-                            const void *bytes, size_t n_bytes, struct ls_diag *diag)
+                            const void *bytes, size_t n_bytes, size_t *n_direct,
+                            struct ls_diag *diag)
 {
     char temporary[PATH_MAX];
+    size_t unasked;
     int fd;
     int n = snprintf(temporary, sizeof temporary, "%s.tmp", name);
     if (n < 0 || (size_t)n >= sizeof temporary)
@@ -113,7 +157,7 @@ enum ls_err ls_disk_replace(const struct ls_disk_shim *shim, int dir_fd, const c
     enum ls_err err = ls_disk_create(shim, dir_fd, temporary, &fd, diag);
     if (err)
         return err;
-    err = fill(shim, fd, name, bytes, n_bytes, diag);
+    err = fill(shim, fd, name, bytes, n_bytes, n_direct ? n_direct : &unasked, diag);
     if (close(fd) && !err)
         err = fail("close", name, errno, diag);
     int error = err ? 0 : ask(shim, LS_DISK_RENAME, name, NULL);

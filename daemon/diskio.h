@@ -8,6 +8,7 @@
 
 #include "core/error.h"
 
+#include <stdbool.h>
 #include <stddef.h>
 #include <stdint.h>
 
@@ -62,10 +63,20 @@ LS_MUST_CHECK enum ls_err ls_disk_create(const struct ls_disk_shim *shim, int di
  * Put a whole file in place atomically: `<name>.tmp` created, allocated, written, synced, renamed
  * over @name. The directory is *not* synced. On error the temporary file is removed and an older
  * @name is as it was.
+ *
+ * Whole blocks of what ls_disk_can_be_direct go to the disk without a copy in the page cache
+ * (O_DIRECT), the end of the file through it; all does where the file system refuses. *n_direct:
+ * how many bytes had no copy, 0 = refused, or too few. NULL is allowed.
  */
 LS_MUST_CHECK enum ls_err ls_disk_replace(const struct ls_disk_shim *shim, int dir_fd,
                                           const char *name, const void *bytes, size_t n_bytes,
-                                          struct ls_diag *diag);
+                                          size_t *n_direct, struct ls_diag *diag);
+
+/* Where direct writes begin and end in memory and file: file systems want 512 to 4096. */
+enum { LS_DISK_BLOCK_BYTES = 4096 };
+
+/** Do these begin at a block, and are they at least one? */
+bool ls_disk_can_be_direct(const void *bytes, size_t n_bytes);
 
 /** Read a whole file of at most @limit_bytes. *bytes: (transfer full), free(), NUL-terminated
  * beyond its end. Errors: LS_ERR_NOT_FOUND, LS_ERR_LIMIT, LS_ERR_OS, LS_ERR_NOMEM. */

@@ -132,7 +132,7 @@ enum ls_err ls_slate_write(const char *folder, const struct ls_slate *slate, str
     else if (flock(fd, LOCK_EX)) /* released with the descriptor */
         err = ls_fail(diag, LS_ERR_OS, "%s: %s", folder, strerror(errno));
     if (!err)
-        err = ls_disk_replace(NULL, fd, file_name, text, strlen(text), diag);
+        err = ls_disk_replace(NULL, fd, file_name, text, strlen(text), NULL, diag);
     if (!err)
         err = ls_disk_sync_dir(NULL, fd, folder, diag);
     close(fd);

@@ -34,7 +34,7 @@ enum ls_err ls_store_ticket(struct ls_store *store, const struct ls_ticket *tick
     enum ls_err err = ls_journal_add_ticket(&item->record, ticket);
     if (!err)
         return ls_store_writer_enqueue(&store->writer, item, diag);
-    ls_store_item_free(item);
+    ls_store_item_free(&store->writer, item);
     return ls_fail(diag, err, "ticket of shot %u: %s", ticket->shot,
                    err == LS_ERR_INVALID ? "a time in it is not finite" : "no memory");
 }
@@ -47,8 +47,20 @@ enum ls_err ls_store_alarm(struct ls_store *store, const char *text, struct ls_d
     enum ls_err err = ls_journal_add_alarm(&item->record, ls_host_ns(), text);
     if (!err)
         return ls_store_writer_enqueue(&store->writer, item, diag);
-    ls_store_item_free(item);
+    ls_store_item_free(&store->writer, item);
     return ls_fail(diag, err, "no memory for an alarm");
+}
+
+static enum ls_err fill(struct ls_store *store, struct ls_store_item *item, const void *bytes,
+                        size_t n_bytes, struct ls_diag *diag)
+{
+    enum ls_err err =
+        ls_write_buffers_take(&store->writer.buffers, n_bytes + !n_bytes, &item->buffer, diag);
+    if (err)
+        return err;
+    memcpy(item->buffer.bytes, bytes, n_bytes);
+    item->n = n_bytes;
+    return LS_OK;
 }
 
 enum ls_err ls_store_raw(struct ls_store *store, uint32_t camera, uint32_t shot, uint32_t attempt,
@@ -61,13 +73,11 @@ enum ls_err ls_store_raw(struct ls_store *store, uint32_t camera, uint32_t shot,
     struct ls_store_item *item = ls_store_item_new(LS_ITEM_RAW, diag);
     if (!item)
         return LS_ERR_NOMEM;
-    item->bytes = malloc(n_bytes ? n_bytes : 1);
-    if (!item->bytes) {
-        ls_store_item_free(item);
-        return ls_fail(diag, LS_ERR_NOMEM, "no memory for a raw frame of %zu bytes", n_bytes);
+    enum ls_err err = fill(store, item, bytes, n_bytes, diag);
+    if (err) {
+        ls_store_item_free(&store->writer, item);
+        return err;
     }
-    memcpy(item->bytes, bytes, n_bytes);
-    item->n = n_bytes;
     item->camera = camera;
     snprintf(item->file, sizeof item->file, "cam%u/raw/%u-%u.raw", camera, shot, attempt);
     return ls_store_writer_enqueue(&store->writer, item, diag);
@@ -111,8 +121,18 @@ static void unclaim(struct ls_store *store, const char *key)
     pthread_mutex_unlock(&store->writer.lock);
 }
 
-static enum ls_err encode(const struct ls_store_picture *picture, struct ls_store_item *item,
-                          struct ls_diag *diag)
+static enum ls_err write_exr(struct ls_store *store, const struct ls_exr_mosaic *mosaic,
+                             struct ls_store_item *item, struct ls_diag *diag)
+{
+    enum ls_err err = ls_write_buffers_take(&store->writer.buffers, ls_exr_mosaic_room(mosaic),
+                                            &item->buffer, diag);
+    return err ? err
+               : ls_exr_write_mosaic_to(mosaic, item->buffer.bytes, item->buffer.capacity, &item->n,
+                                        diag);
+}
+
+static enum ls_err encode(struct ls_store *store, const struct ls_store_picture *picture,
+                          struct ls_store_item *item, struct ls_diag *diag)
 {
     struct ls_published published = {.camera = picture->camera};
     struct ls_exr_mosaic mosaic = picture->mosaic;
@@ -122,7 +142,7 @@ static enum ls_err encode(const struct ls_store_picture *picture, struct ls_stor
     if (err)
         ls_fail(diag, err, "condition %s: %s", picture->condition, ls_err_name(err));
     else
-        err = ls_exr_write_mosaic(&mosaic, &item->bytes, &item->n, diag);
+        err = write_exr(store, &mosaic, item, diag);
     if (err) {
         ls_published_finish(&published);
         return err;
@@ -150,11 +170,11 @@ enum ls_err ls_store_publish(struct ls_store *store, const struct ls_store_pictu
     if (err)
         return err;
     struct ls_store_item *item = ls_store_item_new(LS_ITEM_PICTURE, diag);
-    err = item ? encode(picture, item, diag) : LS_ERR_NOMEM;
+    err = item ? encode(store, picture, item, diag) : LS_ERR_NOMEM;
     if (!err)
         item->times = picture->times;
     if (err)
-        ls_store_item_free(item);
+        ls_store_item_free(&store->writer, item);
     else
         err = ls_store_writer_enqueue(&store->writer, item, diag);
     if (err)
@@ -186,18 +206,15 @@ enum ls_err ls_store_set_state(struct ls_store *store, const struct ls_store_end
     if (err)
         return err;
     struct ls_store_item *item = ls_store_item_new(LS_ITEM_STATE, diag);
-    if (!item) {
-        free(text);
-        return LS_ERR_NOMEM;
-    }
-    item->bytes = (uint8_t *)text;
-    item->n = strlen(text);
-    strcpy(item->file, "take.json");
-    err = ls_journal_add_state(&item->record, ls_host_ns(), ls_store_state_name(end->state));
+    err = item ? fill(store, item, text, strlen(text), diag) : LS_ERR_NOMEM;
+    free(text);
+    if (!err && ls_journal_add_state(&item->record, ls_host_ns(), ls_store_state_name(end->state)))
+        err = ls_fail(diag, LS_ERR_NOMEM, "no memory for a state");
     if (err) {
-        ls_store_item_free(item);
-        return ls_fail(diag, err, "no memory for a state");
+        ls_store_item_free(&store->writer, item);
+        return err;
     }
+    strcpy(item->file, "take.json");
     err = ls_store_writer_enqueue(&store->writer, item, diag);
     return err ? err : ls_store_flush(store, diag);
 }
@@ -290,7 +307,8 @@ static enum ls_err begin(struct ls_store *store, uint64_t need_bytes, uint64_t s
     if (!err)
         err = ls_take_folder_release(folder, strlen(text), diag);
     if (!err)
-        err = ls_disk_replace(folder->shim, folder->dir_fd, "take.json", text, strlen(text), diag);
+        err = ls_disk_replace(folder->shim, folder->dir_fd, "take.json", text, strlen(text), NULL,
+                              diag);
     if (!err)
         err = ls_disk_sync_dir(folder->shim, folder->dir_fd, folder->path, diag);
     free(text);

@@ -2,6 +2,7 @@
 
 #include "daemon/realtime.h"
 
+#include <glib.h>
 #include <stdlib.h>
 #include <string.h>
 #include <time.h>
@@ -27,12 +28,12 @@ struct ls_store_item *ls_store_item_new(enum ls_store_item_kind kind, struct ls_
     return item;
 }
 
-void ls_store_item_free(struct ls_store_item *item)
+void ls_store_item_free(struct ls_store_writer *writer, struct ls_store_item *item)
 {
     if (!item)
         return;
     ls_journal_batch_finish(&item->record);
-    free(item->bytes);
+    ls_write_buffers_give_back(&writer->buffers, item->buffer);
     free(item);
 }
 
@@ -68,13 +69,26 @@ static enum ls_err commit(struct ls_store_writer *writer, struct ls_diag *diag)
     return err;
 }
 
+static void tell_of_cache(struct ls_store_writer *writer)
+{
+    if (!writer->told_of_cache)
+        g_message("take %s: its file system refuses direct writes; pictures pass the page cache, "
+                  "which costs several times the processor time",
+                  writer->folder.id);
+    writer->told_of_cache = true;
+}
+
 static enum ls_err put_file(struct ls_store_writer *writer, const struct ls_store_item *item,
                             struct ls_diag *diag)
 {
     struct ls_take_folder *folder = &writer->folder;
     enum ls_err err = ls_take_folder_release(folder, item->n, diag);
+    size_t n_direct = 0;
     if (!err)
-        err = ls_disk_replace(folder->shim, folder->dir_fd, item->file, item->bytes, item->n, diag);
+        err = ls_disk_replace(folder->shim, folder->dir_fd, item->file, item->buffer.bytes, item->n,
+                              &n_direct, diag);
+    if (!err && !n_direct && ls_disk_can_be_direct(item->buffer.bytes, item->n))
+        tell_of_cache(writer);
     return err;
 }
 
@@ -106,7 +120,7 @@ static enum ls_err process(struct ls_store_writer *writer, const struct ls_store
 {
     bool state = item->kind == LS_ITEM_STATE;
     enum ls_err err = state ? put_state(writer, item, diag) : LS_OK;
-    if (!state && item->bytes)
+    if (!state && item->buffer.bytes)
         err = put_file(writer, item, diag);
     if (!state && !err)
         err = add_record(writer, item, diag);
@@ -183,7 +197,7 @@ static void process_unlocked(struct ls_store_writer *writer)
     pthread_mutex_unlock(&writer->lock);
     enum ls_err err = dead ? LS_OK : process(writer, item, &diag);
     size_t cost = cost_of(item), file_bytes = dead || item->kind == LS_ITEM_STATE ? 0 : item->n;
-    ls_store_item_free(item);
+    ls_store_item_free(writer, item);
     pthread_mutex_lock(&writer->lock);
     latch(writer, err, &diag);
     writer->queue_bytes -= cost;
@@ -244,7 +258,7 @@ enum ls_err ls_store_writer_enqueue(struct ls_store_writer *writer, struct ls_st
     }
     pthread_mutex_unlock(&writer->lock);
     if (err)
-        ls_store_item_free(item);
+        ls_store_item_free(writer, item);
     return err;
 }
 
@@ -272,6 +286,7 @@ void ls_store_writer_init(struct ls_store_writer *writer)
     pthread_cond_init(&writer->progress, NULL);
     pthread_condattr_destroy(&attr);
     pthread_mutex_init(&writer->lock, NULL);
+    ls_write_buffers_init(&writer->buffers);
     writer->last = &writer->first;
     writer->queue_limit_bytes = default_queue_bytes;
 }
@@ -299,10 +314,11 @@ void ls_store_writer_finish(struct ls_store_writer *writer)
     while (writer->first) {
         struct ls_store_item *item = writer->first;
         writer->first = item->next;
-        ls_store_item_free(item);
+        ls_store_item_free(writer, item);
     }
     pthread_cond_destroy(&writer->work);
     pthread_cond_destroy(&writer->progress);
     pthread_mutex_destroy(&writer->lock);
     ls_journal_batch_finish(&writer->batch);
+    ls_write_buffers_finish(&writer->buffers);
 }

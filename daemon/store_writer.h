@@ -10,6 +10,7 @@
 #include "daemon/journal.h"
 #include "daemon/store.h"
 #include "daemon/take_folder.h"
+#include "daemon/write_buffers.h"
 
 #include <pthread.h>
 #include <stdbool.h>
@@ -34,12 +35,13 @@ struct ls_store_item {
     uint32_t camera;
     struct ls_picture_times times; /* PICTURE */
     char file[128];                /* PICTURE, RAW, STATE: relative to the take folder */
-    uint8_t *bytes;                /* its contents, malloc */
+    struct ls_write_buffer buffer; /* its contents */
     size_t n;
 };
 
 struct ls_store_writer {
     struct ls_take_folder folder; /* ls-store's own while it runs */
+    struct ls_write_buffers buffers;
 
     pthread_t thread;
     pthread_mutex_t lock; /* of everything down to the next blank line */
@@ -56,6 +58,7 @@ struct ls_store_writer {
     /* ls-store alone */
     struct ls_journal_batch batch;
     uint32_t batch_tickets, batch_pictures;
+    bool told_of_cache; /* that the file system refuses direct writes */
     struct ls_picture_times batch_times[LS_COMMIT_PICTURES];
     int64_t batch_since_ns; /* 0 = empty */
     bool dirty[LS_FOLDER_MAX_CAMERAS], raw_dirty[LS_FOLDER_MAX_CAMERAS];
@@ -70,8 +73,8 @@ LS_MUST_CHECK enum ls_err ls_store_writer_start(struct ls_store_writer *writer,
 /** NULL with LS_ERR_NOMEM's sentence in @diag. */
 struct ls_store_item *ls_store_item_new(enum ls_store_item_kind kind, struct ls_diag *diag);
 
-/** NULL is allowed. */
-void ls_store_item_free(struct ls_store_item *item);
+/** And give its buffer back. NULL is allowed. */
+void ls_store_item_free(struct ls_store_writer *writer, struct ls_store_item *item);
 
 /** Waits while the queue is full; one item always fits. Returns the latched error. */
 LS_MUST_CHECK enum ls_err ls_store_writer_enqueue(struct ls_store_writer *writer,

@@ -49,6 +49,22 @@ static void set_take_attrs(struct ls_exr_attrs *attrs)
     ls_exr_attrs_int(attrs, "lightstage/blackSubtracted", 1);
 }
 
+/* In memory that held something else, at most as much as was promised. */
+static void assert_the_same_in_place(const struct ls_exr_mosaic *mosaic, const uint8_t *bytes,
+                                     size_t n)
+{
+    size_t room = ls_exr_mosaic_room(mosaic), got;
+    struct ls_diag diag = {0};
+    uint8_t *place = g_malloc(room);
+    memset(place, 0xa5, room);
+    g_assert_cmpint(ls_exr_write_mosaic_to(mosaic, place, room, &got, &diag), ==, LS_OK);
+    g_assert_cmpmem(place, got, bytes, n);
+    memset(place, 0xa5, room);
+    g_assert_cmpint(ls_exr_write_mosaic_to(mosaic, place, n - 1, &got, &diag), ==, LS_ERR_NOMEM);
+    g_assert_cmpuint(place[n - 1], ==, 0xa5);
+    g_free(place);
+}
+
 static void write_mosaic(uint32_t w, uint32_t h, const uint16_t *half, const uint8_t *validity,
                          uint8_t **bytes, size_t *n)
 {
@@ -59,6 +75,7 @@ static void write_mosaic(uint32_t w, uint32_t h, const uint16_t *half, const uin
     enum ls_err err = ls_exr_write_mosaic(&mosaic, bytes, n, &diag);
     g_assert_cmpstr(diag.text, ==, "");
     g_assert_cmpint(err, ==, LS_OK);
+    assert_the_same_in_place(&mosaic, *bytes, *n);
     ls_exr_attrs_finish(&attrs);
 }
 
