@@ -1,50 +1,14 @@
-#include "daemon/engine.h"
+#include "daemon/engine_private.h"
 
 #include "daemon/file.h"
-#include "daemon/privileges.h"
-#include "daemon/rig.h"
-#include "daemon/take.h"
-#include "daemon/take_token.h"
 
-#include <glib.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
-#include <sys/statvfs.h>
 
 static const int64_t probe_remember_us = 1000000, probe_wait_us = 250000;
 
-enum {
-    REPORT_PERIOD_MS = 100,
-    CALIBRATION_MAX_BYTES = 256 << 20,
-    TOKENS_REMEMBERED = 256,
-};
-
-struct ls_engine {
-    const struct ls_config *config;
-    char *calibration_json;
-    struct ls_calibration *calibration;
-    struct ls_metrics metrics;
-    struct ls_preview *preview;
-    struct ls_framing *framing; /* NULL: none */
-    enum ls_err framing_err;    /* what ended it, beside its client */
-    struct ls_diag framing_why;
-    struct ls_take_context context;
-    ls_take_callback *callback;
-    void *user;
-    GMainContext *main;
-    struct ls_probe *probe; /* released before anybody else opens a device */
-    struct ls_take *take;   /* NULL: none runs */
-    GThread *thread;
-    GSource *timer;
-    struct ls_take_status status;
-    char tokens[TOKENS_REMEMBERED][64]; /* of takes that were started, oldest overwritten */
-    unsigned n_tokens;
-    /* written by the take's thread before it posts take_ended */
-    enum ls_take_state end_state;
-    struct ls_capture_report end_report;
-    struct ls_diag end_message;
-};
+enum { REPORT_PERIOD_MS = 100, CALIBRATION_MAX_BYTES = 256 << 20 };
 
 static enum ls_err parse_calibration(struct ls_engine *e, size_t length, struct ls_diag *diag)
 {
@@ -79,8 +43,10 @@ enum ls_err ls_engine_create(const struct ls_config *config, ls_take_callback *c
     e->callback = callback;
     e->user = user;
     e->main = g_main_context_ref_thread_default();
-    e->probe = ls_probe_create(config, probe_remember_us, probe_wait_us);
     e->preview = ls_preview_create(config);
+    e->errands = ls_errands_create();
+    if (e->errands)
+        e->probe = ls_probe_create(config, e->errands, probe_remember_us, probe_wait_us);
     enum ls_err err = e->probe && e->preview ? load_calibration(e, diag)
                                              : ls_fail(diag, LS_ERR_NOMEM, "out of memory");
     if (err) {
@@ -93,7 +59,7 @@ enum ls_err ls_engine_create(const struct ls_config *config, ls_take_callback *c
     return LS_OK;
 }
 
-static void notify(struct ls_engine *e)
+void ls_engine_notify(struct ls_engine *e)
 {
     if (e->callback)
         e->callback(e->user, &e->status);
@@ -107,7 +73,7 @@ static gboolean report_progress(gpointer data)
         e->status.state = LS_TAKE_RUNNING;
     snprintf(e->status.message, sizeof e->status.message, "%s",
              e->status.progress.cooling ? "paused: the dome is hot; it goes on by itself" : "");
-    notify(e);
+    ls_engine_notify(e);
     return G_SOURCE_CONTINUE;
 }
 
@@ -149,7 +115,7 @@ static gboolean take_ended(gpointer data)
     struct ls_engine *e = data;
     if (e->take) {
         reap(e);
-        notify(e);
+        ls_engine_notify(e);
     }
     return G_SOURCE_REMOVE;
 }
@@ -166,44 +132,28 @@ static gpointer take_main(gpointer data)
     return NULL;
 }
 
-static void remember(struct ls_engine *e, const char *token)
+void ls_engine_remember(struct ls_engine *e, const char *token)
 {
-    snprintf(e->tokens[e->n_tokens++ % TOKENS_REMEMBERED], sizeof e->tokens[0], "%s", token);
+    snprintf(e->tokens[e->n_tokens++ % LS_TOKENS_REMEMBERED], sizeof e->tokens[0], "%s", token);
 }
 
-static void launch(struct ls_engine *e, struct ls_take *take, const char *token)
+void ls_engine_launch(struct ls_engine *e, struct ls_take *take, const char *token)
 {
     e->take = take;
     e->status = (struct ls_take_status){.state = LS_TAKE_PREPARING};
     snprintf(e->status.id, sizeof e->status.id, "%s", ls_take_id(take));
     snprintf(e->status.token, sizeof e->status.token, "%s", token);
-    remember(e, token);
+    ls_engine_remember(e, token);
     e->timer = g_timeout_source_new(REPORT_PERIOD_MS);
     g_source_set_callback(e->timer, report_progress, e, NULL);
     g_source_attach(e->timer, e->main);
     e->thread = g_thread_new("ls-take", take_main, e);
-    notify(e);
+    ls_engine_notify(e);
 }
 
-static bool token_seen(const struct ls_engine *e, const char *token)
-{
-    for (unsigned i = 0; i < TOKENS_REMEMBERED && i < e->n_tokens; i++)
-        if (*token && !strcmp(e->tokens[i], token))
-            return true;
-    return false;
-}
-
-static enum ls_err busy(const struct ls_engine *e, struct ls_diag *diag)
+enum ls_err ls_engine_busy(const struct ls_engine *e, struct ls_diag *diag)
 {
     return ls_fail(diag, LS_ERR_BUSY, "take %s is running: wait for it or abort it", e->status.id);
-}
-
-static enum ls_err check_token(const char *token, struct ls_diag *diag)
-{
-    if (strlen(token) >= sizeof(((struct ls_take_status *)0)->token))
-        return ls_fail(diag, LS_ERR_INVALID, "token of %zu bytes: expected at most 63",
-                       strlen(token));
-    return LS_OK;
 }
 
 /* ---- the live view ---- */
@@ -217,12 +167,15 @@ enum ls_err ls_engine_frame(struct ls_engine *e, const struct ls_framing_wish *w
                             struct ls_diag *diag)
 {
     if (e->take)
-        return busy(e, diag);
+        return ls_engine_busy(e, diag);
+    if (ls_engine_prepares(e))
+        return ls_fail(diag, LS_ERR_BUSY, "a take is being prepared: wait for it or abort it");
     if (e->framing)
         return ls_fail(diag, LS_ERR_BUSY, "another client has the live view under steady light");
-    ls_probe_release(e->probe);
+    ls_errands_yield(e->errands);
+    ls_probe_forget(e->probe);
     e->framing_err = LS_OK;
-    return ls_framing_start(e->config, wish, e->preview, &e->framing, diag);
+    return ls_framing_start(e->config, wish, e->preview, e->errands, &e->framing, diag);
 }
 
 bool ls_engine_framing(const struct ls_engine *e)
@@ -230,130 +183,71 @@ bool ls_engine_framing(const struct ls_engine *e)
     return e->framing && ls_framing_runs(e->framing);
 }
 
-static void end_framing(struct ls_engine *e, bool dark)
+/* A live view on its way out, on ls-rig. */
+struct leaving {
+    struct ls_errand errand;
+    struct ls_framing *framing;
+};
+
+static void end_framing(struct ls_errand *errand)
 {
-    if (e->framing)
-        e->framing_err = ls_framing_end(e->framing, dark, &e->framing_why);
-    e->framing = NULL;
+    struct leaving *leaving = (struct leaving *)errand;
+    struct ls_diag why = {{0}};
+    if (ls_framing_end(leaving->framing, &why))
+        g_warning("the live view: %s", why.text);
+    leaving->framing = NULL;
+}
+
+static void framing_ended(struct ls_errand *errand)
+{
+    if (((struct leaving *)errand)->framing) /* stopped before its turn */
+        end_framing(errand);
+    g_free(errand);
+}
+
+static void leave(struct ls_framing *framing, bool dark, struct ls_errands *errands)
+{
+    struct leaving *leaving = g_new0(struct leaving, 1);
+    leaving->errand = (struct ls_errand){.work = end_framing, .done = framing_ended};
+    leaving->framing = framing;
+    ls_framing_stop(framing, dark);
+    ls_errands_put(errands, &leaving->errand);
 }
 
 enum ls_err ls_engine_frame_end(struct ls_engine *e, struct ls_diag *diag)
 {
-    end_framing(e, false);
+    if (e->framing && ls_framing_runs(e->framing))
+        leave(e->framing, false, e->errands);
+    else if (e->framing)
+        e->framing_err = ls_framing_end(e->framing, &e->framing_why);
+    e->framing = NULL;
     if (e->framing_err && diag)
         *diag = e->framing_why;
     return e->framing_err;
 }
 
-/* The devices are needed for something else: its client learns why when it looks again. */
-static void take_over(struct ls_engine *e, enum ls_err err, const char *why)
+void ls_engine_take_over(struct ls_engine *e, enum ls_err err, const char *why)
 {
     if (!e->framing)
         return;
-    end_framing(e, true);
+    if (!ls_framing_runs(e->framing)) {
+        (void)ls_engine_frame_end(e, NULL);
+    } else {
+        leave(e->framing, true, e->errands);
+        e->framing = NULL;
+    }
     if (!e->framing_err)
         e->framing_err = ls_fail(&e->framing_why, err, "%s", why);
 }
 
-static void take_over_for_take(struct ls_engine *e)
-{
-    take_over(e, LS_ERR_BUSY, "a take begins: the live view under steady light ends");
-}
-
 /* ---- takes ---- */
-
-enum ls_err ls_engine_preflight(struct ls_engine *e, const char *plan_text,
-                                struct ls_preflight *out, struct ls_diag *diag)
-{
-    if (e->take)
-        return busy(e, diag);
-    if (e->framing)
-        return ls_fail(diag, LS_ERR_BUSY, "the live view has the devices: end it first");
-    ls_probe_release(e->probe);
-    return ls_take_preflight(&e->context, plan_text, out, diag);
-}
-
-enum ls_err ls_engine_start(struct ls_engine *e, const char *name, const char *plan_text,
-                            const char *token, bool *already, struct ls_diag *diag)
-{
-    struct ls_take *take;
-    enum ls_err err = check_token(token, diag);
-    *already = !err && token_seen(e, token);
-    if (err || *already)
-        return err;
-    if (e->take)
-        return busy(e, diag);
-    *already = ls_take_token_find(e->config->storage, name, token, &e->status);
-    if (*already) {
-        remember(e, token);
-        notify(e);
-        return LS_OK;
-    }
-    take_over_for_take(e);
-    ls_probe_release(e->probe);
-    err = ls_take_create(&e->context, name, plan_text, token, &take, diag);
-    if (!err)
-        launch(e, take, token);
-    return err;
-}
-
-enum ls_err ls_engine_resume(struct ls_engine *e, const char *take_id, const char *token,
-                             struct ls_diag *diag)
-{
-    struct ls_take *take;
-    enum ls_err err = check_token(token, diag);
-    if (err || token_seen(e, token))
-        return err;
-    if (e->take)
-        return busy(e, diag);
-    take_over_for_take(e);
-    ls_probe_release(e->probe);
-    err = ls_take_reopen(&e->context, take_id, &take, diag);
-    if (!err)
-        launch(e, take, token);
-    return err;
-}
 
 enum ls_err ls_engine_abort(struct ls_engine *e, struct ls_diag *diag)
 {
-    if (!e->take)
-        return ls_fail(diag, LS_ERR_STATE, "no take is running");
-    ls_take_abort(e->take);
-    return LS_OK;
-}
-
-enum ls_err ls_engine_blank(struct ls_engine *e, struct ls_diag *diag)
-{
-    if (e->take) {
-        ls_take_blank(e->take); /* the sequencer blanks first of all */
-        return LS_OK;
-    }
-    take_over(e, LS_ERR_ABORTED, "all lights were turned off: the live view ends");
-    ls_probe_release(e->probe);
-    struct ls_lights *lights;
-    enum ls_err err = ls_lights_open(&e->config->lights_driver, &lights, diag);
-    if (err)
-        return err;
-    err = ls_lights_blank(lights, diag);
-    ls_lights_close(lights);
-    return err;
-}
-
-void ls_engine_status(struct ls_engine *e, struct ls_engine_status *out)
-{
-    struct statvfs fs;
-    *out = (struct ls_engine_status){.n_cameras = e->config->n_cameras, .take = e->status};
-    ls_privileges_missing(out->privileges, sizeof out->privileges);
-    if (!statvfs(e->config->storage, &fs))
-        out->disk_free_bytes = (uint64_t)fs.f_bavail * fs.f_frsize;
-    snprintf(out->calibration, sizeof out->calibration, "%s", e->calibration ? "given" : "none");
-    if (e->take || e->framing) { /* they hold the devices */
-        out->devices.lights_connected = true;
-        for (uint32_t i = 0; i < e->config->n_cameras; i++)
-            out->devices.cameras[i].connected = true;
-        return;
-    }
-    ls_probe_look(e->probe, &out->devices);
+    bool prepared = ls_engine_stop_visits(e, false);
+    if (e->take)
+        ls_take_abort(e->take);
+    return e->take || prepared ? LS_OK : ls_fail(diag, LS_ERR_STATE, "no take is running");
 }
 
 const struct ls_metrics *ls_engine_metrics(const struct ls_engine *e)
@@ -370,16 +264,20 @@ void ls_engine_destroy(struct ls_engine *e)
 {
     if (!e)
         return;
+    if (e->take)
+        ls_take_abort(e->take); /* first of all */
+    (void)ls_engine_frame_end(e, NULL);
+    ls_errands_end(e->errands);
     if (e->take) {
-        ls_take_abort(e->take);
+        ls_take_abort(e->take); /* also one that was begun meanwhile */
         reap(e);
-        notify(e);
+        ls_engine_notify(e);
     }
     while (g_main_context_find_source_by_user_data(e->main, e))
         g_source_destroy(g_main_context_find_source_by_user_data(e->main, e));
     g_main_context_unref(e->main);
-    (void)ls_engine_frame_end(e, NULL);
     ls_probe_destroy(e->probe);
+    ls_errands_destroy(e->errands);
     ls_preview_destroy(e->preview);
     ls_calibration_destroy(e->calibration);
     free(e->calibration_json);

@@ -23,6 +23,8 @@ struct ls_framing {
     const struct ls_config *config;
     struct ls_framing_wish wish;
     struct ls_preview *preview;
+    struct ls_errands *errands;
+    uint64_t n_before; /* of the errands: they have the devices */
     struct ls_lights *lights;
     struct ls_camera *camera;
     struct ls_ring *ring;
@@ -197,7 +199,8 @@ static enum ls_err work(struct ls_framing *f)
 static void *run(void *data)
 {
     struct ls_framing *f = data;
-    f->err = work(f);
+    ls_errands_wait(f->errands, f->n_before);
+    f->err = atomic_load(&f->stopping) ? LS_OK : work(f);
     if (f->err && !f->diag.text[0])
         ls_fail(&f->diag, f->err, "camera %s: %s", f->config->cameras[f->wish.camera].name,
                 ls_err_name(f->err));
@@ -223,8 +226,8 @@ static enum ls_err check(const struct ls_config *config, const struct ls_framing
 }
 
 enum ls_err ls_framing_start(const struct ls_config *config, const struct ls_framing_wish *wish,
-                             struct ls_preview *preview, struct ls_framing **out,
-                             struct ls_diag *diag)
+                             struct ls_preview *preview, struct ls_errands *errands,
+                             struct ls_framing **out, struct ls_diag *diag)
 {
     enum ls_err err = check(config, wish, diag);
     if (err)
@@ -235,6 +238,8 @@ enum ls_err ls_framing_start(const struct ls_config *config, const struct ls_fra
     f->config = config;
     f->wish = *wish;
     f->preview = preview;
+    f->errands = errands;
+    f->n_before = ls_errands_count(errands);
     f->exposure_us = wish->exposure_us;
     sem_init(&f->stop, 0, 0);
     if (pthread_create(&f->thread, NULL, run, f)) {
@@ -252,13 +257,17 @@ bool ls_framing_runs(const struct ls_framing *f)
     return !atomic_load(&f->ended);
 }
 
-enum ls_err ls_framing_end(struct ls_framing *f, bool dark, struct ls_diag *diag)
+void ls_framing_stop(struct ls_framing *f, bool dark)
 {
-    if (!f)
-        return LS_OK;
     atomic_store(&f->dark, dark);
     atomic_store(&f->stopping, true);
     sem_post(&f->stop);
+}
+
+enum ls_err ls_framing_end(struct ls_framing *f, struct ls_diag *diag)
+{
+    if (!f)
+        return LS_OK;
     pthread_join(f->thread, NULL);
     enum ls_err err = f->err;
     if (err && diag)

@@ -1,6 +1,7 @@
 #include "daemon/probe.h"
 
 #include <glib.h>
+#include <stdatomic.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -8,29 +9,16 @@
 static const int64_t first_wait_us = 3000000;
 
 struct ls_probe {
+    struct ls_errand errand;
     const struct ls_config *config;
+    struct ls_errands *errands;
     int64_t remember_us, wait_us;
-    GThread *thread; /* NULL: none to join */
-    GMutex lock;     /* of what follows */
-    GCond ended;
-    bool running, stop, known;
+    GList *looks;       /* struct ls_look, who wait */
+    bool asking, known; /* known: all devices were asked since it was forgotten */
     int64_t found_us;
+    GMutex lock; /* of found */
     struct ls_devices found;
 };
-
-struct ls_probe *ls_probe_create(const struct ls_config *config, int64_t remember_us,
-                                 int64_t wait_us)
-{
-    struct ls_probe *p = calloc(1, sizeof *p);
-    if (!p)
-        return NULL;
-    p->config = config;
-    p->remember_us = remember_us;
-    p->wait_us = wait_us;
-    g_mutex_init(&p->lock);
-    g_cond_init(&p->ended);
-    return p;
-}
 
 static void ask_lights(const struct ls_config *config, struct ls_devices *out)
 {
@@ -62,71 +50,120 @@ static void ask_camera(const struct ls_config *config, uint32_t i, struct ls_dev
     ls_camera_close(camera);
 }
 
-/* Tell what was found so far; false: leave the other devices alone. */
-static bool tell(struct ls_probe *p, const struct ls_devices *devices)
+static void tell(struct ls_probe *p, const struct ls_devices *devices)
 {
     g_mutex_lock(&p->lock);
     p->found = *devices;
-    bool go_on = !p->stop;
     g_mutex_unlock(&p->lock);
-    return go_on;
 }
 
-static gpointer probe_main(gpointer data)
+static void hear(struct ls_probe *p, struct ls_devices *devices)
 {
-    struct ls_probe *p = data;
-    struct ls_devices devices = p->found; /* only this thread writes it now */
+    g_mutex_lock(&p->lock);
+    *devices = p->found;
+    g_mutex_unlock(&p->lock);
+}
+
+/* ls-rig: what each device says is told at once, so that a look that waits no longer has it. */
+static void ask_all(struct ls_errand *errand)
+{
+    struct ls_probe *p = (struct ls_probe *)errand;
+    struct ls_devices devices;
+    hear(p, &devices);
     ask_lights(p->config, &devices);
-    for (uint32_t i = 0; tell(p, &devices) && i < p->config->n_cameras; i++)
+    tell(p, &devices);
+    for (uint32_t i = 0; i < p->config->n_cameras && !atomic_load(&errand->stop); i++) {
         ask_camera(p->config, i, &devices);
-    g_mutex_lock(&p->lock);
-    p->found_us = g_get_monotonic_time();
-    p->known = true;
-    p->running = false;
-    g_cond_broadcast(&p->ended);
-    g_mutex_unlock(&p->lock);
-    return NULL;
-}
-
-static void join(struct ls_probe *p)
-{
-    if (p->thread)
-        g_thread_join(p->thread);
-    p->thread = NULL;
-}
-
-void ls_probe_look(struct ls_probe *p, struct ls_devices *out)
-{
-    int64_t now = g_get_monotonic_time();
-    g_mutex_lock(&p->lock);
-    if (!p->running && (!p->known || now - p->found_us >= p->remember_us)) {
-        join(p);
-        p->running = true;
-        p->thread = g_thread_new("ls-probe", probe_main, p);
+        tell(p, &devices);
     }
-    int64_t until = now + (p->known ? p->wait_us : first_wait_us);
-    while (p->running && g_cond_wait_until(&p->ended, &p->lock, until))
-        ;
-    *out = p->found;
-    g_mutex_unlock(&p->lock);
 }
 
-void ls_probe_release(struct ls_probe *p)
+/* ---- who looks ---- */
+
+void ls_probe_turn_away(struct ls_look *look)
 {
-    g_mutex_lock(&p->lock);
-    p->stop = true;
-    g_mutex_unlock(&p->lock);
-    join(p);
-    p->stop = p->known = false;
-    p->found = (struct ls_devices){0};
+    if (!look->probe)
+        return;
+    look->probe->looks = g_list_remove(look->probe->looks, look);
+    g_clear_handle_id(&look->timer, g_source_remove);
+    look->probe = NULL;
+}
+
+static void answer(struct ls_probe *p, struct ls_look *look)
+{
+    struct ls_devices devices;
+    hear(p, &devices);
+    ls_probe_turn_away(look);
+    look->done(look, &devices);
+}
+
+static gboolean on_late(gpointer data)
+{
+    struct ls_look *look = data;
+    look->timer = 0;
+    answer(look->probe, look);
+    return G_SOURCE_REMOVE;
+}
+
+static void asked(struct ls_errand *errand)
+{
+    struct ls_probe *p = (struct ls_probe *)errand;
+    p->asking = false;
+    p->known = !atomic_load(&errand->stop);
+    p->found_us = g_get_monotonic_time();
+    while (p->looks)
+        answer(p, p->looks->data);
+}
+
+static void ask(struct ls_probe *p)
+{
+    static const struct ls_devices nothing;
+    if (!p->known)
+        tell(p, &nothing);
+    p->asking = true;
+    atomic_store(&p->errand.stop, false);
+    ls_errands_put(p->errands, &p->errand);
+}
+
+void ls_probe_look(struct ls_probe *p, struct ls_look *look)
+{
+    bool fresh = p->known && g_get_monotonic_time() - p->found_us < p->remember_us;
+    int64_t patience_us = p->known ? p->wait_us : first_wait_us;
+    if (!p->asking && (fresh || ls_errands_busy(p->errands))) {
+        answer(p, look);
+        return;
+    }
+    look->probe = p;
+    look->timer = g_timeout_add((guint)(patience_us / 1000), on_late, look);
+    p->looks = g_list_append(p->looks, look);
+    if (!p->asking)
+        ask(p);
+}
+
+void ls_probe_forget(struct ls_probe *p)
+{
+    p->known = false;
+}
+
+struct ls_probe *ls_probe_create(const struct ls_config *config, struct ls_errands *errands,
+                                 int64_t remember_us, int64_t wait_us)
+{
+    struct ls_probe *p = calloc(1, sizeof *p);
+    if (!p)
+        return NULL;
+    p->errand = (struct ls_errand){.work = ask_all, .done = asked, .yields = true};
+    p->config = config;
+    p->errands = errands;
+    p->remember_us = remember_us;
+    p->wait_us = wait_us;
+    g_mutex_init(&p->lock);
+    return p;
 }
 
 void ls_probe_destroy(struct ls_probe *p)
 {
     if (!p)
         return;
-    ls_probe_release(p);
     g_mutex_clear(&p->lock);
-    g_cond_clear(&p->ended);
     free(p);
 }

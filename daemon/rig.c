@@ -1,5 +1,6 @@
 #include "daemon/rig.h"
 
+#include <stdatomic.h>
 #include <stdio.h>
 
 /* Put the device's name before what its driver said. */
@@ -25,7 +26,8 @@ static enum ls_err open_camera(struct ls_rig *rig, uint32_t i, struct ls_diag *d
     return name_device(err, device, diag);
 }
 
-enum ls_err ls_rig_open(const struct ls_config *config, struct ls_rig *rig, struct ls_diag *diag)
+enum ls_err ls_rig_open(const struct ls_config *config, const _Atomic bool *stop,
+                        struct ls_rig *rig, struct ls_diag *diag)
 {
     struct ls_diag local = {0};
     diag = diag ? diag : &local;
@@ -34,7 +36,12 @@ enum ls_err ls_rig_open(const struct ls_config *config, struct ls_rig *rig, stru
     if (err)
         err = name_device(err, "dome controller", diag);
     for (uint32_t i = 0; i < config->n_cameras && !err; i++)
-        err = open_camera(rig, i, diag);
+        err =
+            stop && atomic_load(stop)
+                ? ls_fail(diag, LS_ERR_ABORTED,
+                          "given up while the devices were opened: it was aborted, all lights were "
+                          "turned off, or the daemon ends")
+                : open_camera(rig, i, diag);
     if (err)
         ls_rig_close(rig);
     return err;

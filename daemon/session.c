@@ -31,6 +31,7 @@ struct ls_session {
     bool closing;            /* an error is on its way out, then close */
     GQueue jobs;             /* waiting for their turn */
     struct ls_job *stepping; /* on a thread now */
+    GList *pending;          /* struct ls_pending */
     bool stepping_cancelled;
     uint32_t subscription; /* request id, 0 = none */
     bool event_pending;
@@ -96,12 +97,22 @@ static void end_preview(struct ls_session *session)
     session->preview.frames = false;
 }
 
+static void drop_pending(struct ls_session *session)
+{
+    while (session->pending) {
+        struct ls_pending *pending = session->pending->data;
+        ls_session_waited(session, pending);
+        pending->drop(pending, false);
+    }
+}
+
 void ls_session_close(struct ls_session *session)
 {
     if (!session->open)
         return;
     session->open = false;
     end_preview(session);
+    drop_pending(session);
     drop_source(&session->reading);
     drop_source(&session->writing);
     drain(session->fd);
@@ -226,6 +237,7 @@ static void refuse(struct ls_session *session, uint32_t request, uint32_t number
     session->subscription = 0;
     session->event_pending = false;
     end_preview(session);
+    drop_pending(session);
     ls_session_error(session, request, number, text);
 }
 
@@ -270,18 +282,24 @@ static void kick(struct ls_session *session)
 
 static unsigned in_flight(const struct ls_session *session)
 {
-    return session->jobs.length + (session->stepping != NULL) + (session->subscription != 0) +
-           (session->preview.request != 0);
+    return session->jobs.length + (session->stepping != NULL) + g_list_length(session->pending) +
+           (session->subscription != 0) + (session->preview.request != 0);
+}
+
+static bool has_room(struct ls_session *session, uint32_t request)
+{
+    char text[128];
+    if (in_flight(session) < session->service->config.max_requests)
+        return true;
+    snprintf(text, sizeof text, "%u requests are in flight on this connection, at most %u allowed",
+             in_flight(session), session->service->config.max_requests);
+    ls_session_error(session, request, LS_PROTO_TOO_MANY, text);
+    return false;
 }
 
 void ls_session_run(struct ls_session *session, struct ls_job *job)
 {
-    if (in_flight(session) >= session->service->config.max_requests) {
-        char text[128];
-        snprintf(text, sizeof text,
-                 "%u requests are in flight on this connection, at most %u allowed",
-                 in_flight(session), session->service->config.max_requests);
-        ls_session_error(session, job->request, LS_PROTO_TOO_MANY, text);
+    if (!has_room(session, job->request)) {
         job->ops->destroy(job);
         return;
     }
@@ -289,8 +307,38 @@ void ls_session_run(struct ls_session *session, struct ls_job *job)
     kick(session);
 }
 
+bool ls_session_wait(struct ls_session *session, struct ls_pending *pending)
+{
+    if (!has_room(session, pending->request))
+        return false;
+    session->pending = g_list_prepend(session->pending, pending);
+    return true;
+}
+
+void ls_session_waited(struct ls_session *session, struct ls_pending *pending)
+{
+    session->pending = g_list_remove(session->pending, pending);
+}
+
+static bool cancel_pending(struct ls_session *session, uint32_t request)
+{
+    for (GList *l = session->pending; l; l = l->next) {
+        struct ls_pending *pending = l->data;
+        if (pending->request != request)
+            continue;
+        ls_session_waited(session, pending);
+        pending->drop(pending, true);
+        ls_session_error(session, request, LS_PROTO_CANCELLED, "cancelled by the client");
+        return true;
+    }
+    return false;
+}
+
 bool ls_session_cancel(struct ls_session *session, uint32_t request)
 {
+    if (cancel_pending(session, request))
+        return true;
+
     if (session->subscription == request) {
         session->subscription = 0;
         session->event_pending = false;

@@ -49,7 +49,22 @@ void ls_session_fail(struct ls_session *session, uint32_t request, enum ls_err e
 /** Run a job for this session; (transfer full). Its request is in job->request. */
 void ls_session_run(struct ls_session *session, struct ls_job *job);
 
-/** Cancel the job or subscription of @request. False if there is none. */
+/** A request that waits for something other than a job; its maker's. */
+struct ls_pending {
+    uint32_t request;
+    /** Nobody waits for it any more, and it has left the session: forget and free it. @cancelled:
+     * by its client, else the connection has ended. */
+    void (*drop)(struct ls_pending *pending, bool cancelled);
+};
+
+/** Count it among the session's requests until it is answered or dropped. False if there are too
+ * many: the client has been told. */
+bool ls_session_wait(struct ls_session *session, struct ls_pending *pending);
+
+/** It is about to be answered. */
+void ls_session_waited(struct ls_session *session, struct ls_pending *pending);
+
+/** Cancel the job, subscription or pending request of @request. False if there is none. */
 bool ls_session_cancel(struct ls_session *session, uint32_t request);
 
 /** Subscribe @request to the progress of the take; false if the session has a subscription. */

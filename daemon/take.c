@@ -12,6 +12,7 @@
 #include "daemon/takedir.h"
 
 #include <jansson.h>
+#include <stdatomic.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -166,9 +167,20 @@ static enum ls_err load_reference(struct ls_take *take, const struct ls_takedir 
     return err;
 }
 
+static bool is_stopped(const _Atomic bool *stop)
+{
+    return stop && atomic_load(stop);
+}
+
+static enum ls_err given_up(struct ls_diag *diag)
+{
+    return ls_fail(diag, LS_ERR_ABORTED,
+                   "given up: it was aborted, all lights were turned off, or the daemon ends");
+}
+
 /* A condition is done when every camera's picture of it is published. */
 static enum ls_err find_done(struct ls_take *take, const struct ls_takedir *dir,
-                             struct ls_diag *diag)
+                             const _Atomic bool *stop, struct ls_diag *diag)
 {
     const struct ls_plan *plan = take->plan;
     uint32_t n_cameras = take->context->config->n_cameras;
@@ -177,6 +189,8 @@ static enum ls_err find_done(struct ls_take *take, const struct ls_takedir *dir,
     if (!take->done || !take->darks)
         return ls_fail(diag, LS_ERR_NOMEM, "out of memory");
     for (uint32_t i = 0; i < plan->n_conditions; i++) {
+        if (is_stopped(stop))
+            return given_up(diag);
         take->done[i] = 1;
         for (uint32_t k = 0; k < n_cameras; k++) {
             const struct ls_published *p = ls_takedir_find(dir, plan->conditions[i].id, k);
@@ -194,17 +208,19 @@ static enum ls_err find_done(struct ls_take *take, const struct ls_takedir *dir,
 }
 
 static enum ls_err continue_from(struct ls_take *take, const struct ls_takedir *dir,
-                                 const char *plan_text, struct ls_diag *diag)
+                                 const char *plan_text, const _Atomic bool *stop,
+                                 struct ls_diag *diag)
 {
     const struct ls_take_document doc = document(take, plan_text);
     enum ls_err err = ls_take_json_same_rig(dir->take_json, &doc, diag);
-    return err ? err : find_done(take, dir, diag);
+    return err ? err : find_done(take, dir, stop, diag);
 }
 
 /* Plan, devices, and for a take on disk (@dir, else NULL) what of it is done; then preflight. */
 static enum ls_err prepare(const struct ls_take_context *context, const char *plan_text,
-                           const struct ls_takedir *dir, struct ls_take **out,
-                           struct ls_preflight *report, uint64_t *need_bytes, struct ls_diag *diag)
+                           const struct ls_takedir *dir, const _Atomic bool *stop,
+                           struct ls_take **out, struct ls_preflight *report, uint64_t *need_bytes,
+                           struct ls_diag *diag)
 {
     struct ls_take *take = calloc(1, sizeof *take);
     if (!take)
@@ -215,7 +231,7 @@ static enum ls_err prepare(const struct ls_take_context *context, const char *pl
     take->context = &take->own;
     enum ls_err err = ls_plan_parse(plan_text, context->config, &take->plan, diag);
     if (!err)
-        err = ls_rig_open(context->config, &take->rig, diag);
+        err = ls_rig_open(context->config, stop, &take->rig, diag);
     if (!err)
         ls_plan_fit_current(take->plan, ls_lights_info(take->rig.lights));
     take->checks = err ? NULL : ls_checks_create(context->config, take->plan);
@@ -224,9 +240,11 @@ static enum ls_err prepare(const struct ls_take_context *context, const char *pl
     if (!err && dir)
         err = ls_take_json_offsets(dir->take_json, &take->config, diag);
     if (!err && dir)
-        err = continue_from(take, dir, plan_text, diag);
+        err = continue_from(take, dir, plan_text, stop, diag);
     if (!err)
         err = preflight(take, report, need_bytes, diag);
+    if (!err && is_stopped(stop))
+        err = given_up(diag);
     if (err) {
         ls_take_destroy(take);
         return err;
@@ -236,11 +254,12 @@ static enum ls_err prepare(const struct ls_take_context *context, const char *pl
 }
 
 enum ls_err ls_take_preflight(const struct ls_take_context *context, const char *plan_text,
-                              struct ls_preflight *out, struct ls_diag *diag)
+                              const _Atomic bool *stop, struct ls_preflight *out,
+                              struct ls_diag *diag)
 {
     struct ls_take *take;
     uint64_t need_bytes;
-    enum ls_err err = prepare(context, plan_text, NULL, &take, out, &need_bytes, diag);
+    enum ls_err err = prepare(context, plan_text, NULL, stop, &take, out, &need_bytes, diag);
     if (!err)
         ls_take_destroy(take);
     return err;
@@ -294,13 +313,13 @@ static enum ls_err create_capture(struct ls_take *take, struct ls_diag *diag)
 }
 
 enum ls_err ls_take_create(const struct ls_take_context *context, const char *name,
-                           const char *plan_text, const char *token, struct ls_take **out,
-                           struct ls_diag *diag)
+                           const char *plan_text, const char *token, const _Atomic bool *stop,
+                           struct ls_take **out, struct ls_diag *diag)
 {
     struct ls_take *take;
     struct ls_preflight report;
     uint64_t need_bytes;
-    enum ls_err err = prepare(context, plan_text, NULL, &take, &report, &need_bytes, diag);
+    enum ls_err err = prepare(context, plan_text, NULL, stop, &take, &report, &need_bytes, diag);
     if (err)
         return err;
     struct ls_take_document doc = document(take, plan_text);
@@ -321,7 +340,7 @@ enum ls_err ls_take_create(const struct ls_take_context *context, const char *na
 }
 
 static enum ls_err reopen(const struct ls_take_context *context, const struct ls_takedir *dir,
-                          struct ls_take **out, struct ls_diag *diag)
+                          const _Atomic bool *stop, struct ls_take **out, struct ls_diag *diag)
 {
     LS_CLEANUP_FREE char *plan_text = NULL;
     enum ls_err err = ls_take_json_plan(dir->take_json, &plan_text, diag);
@@ -329,7 +348,7 @@ static enum ls_err reopen(const struct ls_take_context *context, const struct ls
     struct ls_preflight report;
     uint64_t need_bytes;
     if (!err)
-        err = prepare(context, plan_text, dir, &take, &report, &need_bytes, diag);
+        err = prepare(context, plan_text, dir, stop, &take, &report, &need_bytes, diag);
     if (err)
         return err;
     err = ls_store_reopen(dir->folder, need_bytes, context->config->reserve_bytes, NULL,
@@ -345,7 +364,7 @@ static enum ls_err reopen(const struct ls_take_context *context, const struct ls
 }
 
 enum ls_err ls_take_reopen(const struct ls_take_context *context, const char *id,
-                           struct ls_take **out, struct ls_diag *diag)
+                           const _Atomic bool *stop, struct ls_take **out, struct ls_diag *diag)
 {
     LS_CLEANUP_FREE char *folder = NULL;
     struct ls_takedir *dir = NULL;
@@ -359,7 +378,7 @@ enum ls_err ls_take_reopen(const struct ls_take_context *context, const char *id
         return err;
     err = dir->state == LS_STORE_COMPLETE
               ? ls_fail(diag, LS_ERR_STATE, "take %s is complete: nothing to resume", id)
-              : reopen(context, dir, out, diag);
+              : reopen(context, dir, stop, out, diag);
     ls_takedir_close(dir);
     return err;
 }

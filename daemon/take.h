@@ -1,8 +1,8 @@
 /*
  * take: one take being made, from its plan to its folder.
- * Layer: daemon. Threads: prepare and destroy on ls-main; run blocks a thread of its own; abort,
- * progress and id from any. Ownership: configuration and calibration are (transfer none) and
- * outlive the take; devices and store are the take's own.
+ * Layer: daemon. Threads: preflight, create, reopen and destroy on any, they block on devices; run
+ * blocks a thread of its own; abort, progress and id from any. Ownership: configuration and
+ * calibration are (transfer none) and outlive the take; devices and store are the take's own.
  */
 #ifndef LS_DAEMON_TAKE_H
 #define LS_DAEMON_TAKE_H
@@ -25,22 +25,26 @@ struct ls_take_context {
 
 /**
  * Open the devices and check the plan: everything of ls_engine_preflight. Nothing fires, nothing
- * is written. Errors: those of ls_plan_parse, ls_rig_open, ls_preflight_check.
+ * is written. Gives up once *stop is set (NULL: never). Errors: those of ls_plan_parse,
+ * ls_rig_open, ls_preflight_check; LS_ERR_ABORTED.
  */
 LS_MUST_CHECK enum ls_err ls_take_preflight(const struct ls_take_context *context,
-                                            const char *plan_text, struct ls_preflight *out,
-                                            struct ls_diag *diag);
+                                            const char *plan_text, const _Atomic bool *stop,
+                                            struct ls_preflight *out, struct ls_diag *diag);
 
-/** Preflight, then make the folder, in which @token is kept, and reserve its space. Errors as
+/** Preflight, then make the folder, in which @token is kept, and reserve its space; given up before
+ * that if *stop is set. Errors as
  * preflight, plus those of ls_store_create. (transfer full). */
 LS_MUST_CHECK enum ls_err ls_take_create(const struct ls_take_context *context, const char *name,
                                          const char *plan_text, const char *token,
-                                         struct ls_take **out, struct ls_diag *diag);
+                                         const _Atomic bool *stop, struct ls_take **out,
+                                         struct ls_diag *diag);
 
 /** Go on with the take in storage folder @id: its own plan, only what is not published. Errors:
  * LS_ERR_NOT_FOUND, LS_ERR_STATE (complete), LS_ERR_MISMATCH (another rig), as create. */
 LS_MUST_CHECK enum ls_err ls_take_reopen(const struct ls_take_context *context, const char *id,
-                                         struct ls_take **out, struct ls_diag *diag);
+                                         const _Atomic bool *stop, struct ls_take **out,
+                                         struct ls_diag *diag);
 
 /** Folder name. (transfer none). */
 const char *ls_take_id(const struct ls_take *take);

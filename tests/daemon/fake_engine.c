@@ -92,8 +92,15 @@ void ls_engine_destroy(struct ls_engine *engine)
     free(engine);
 }
 
-void ls_engine_status(struct ls_engine *engine, struct ls_engine_status *out)
+static void answer(struct ls_request *request, enum ls_err err)
 {
+    request->err = err;
+    request->done(request);
+}
+
+void ls_engine_status(struct ls_engine *engine, struct ls_request *request)
+{
+    struct ls_engine_status *out = &request->status;
     memset(out, 0, sizeof *out);
     out->devices.lights_connected = true;
     snprintf(out->devices.lights_serial, sizeof out->devices.lights_serial, "DOME-1");
@@ -106,6 +113,7 @@ void ls_engine_status(struct ls_engine *engine, struct ls_engine_status *out)
     snprintf(out->calibration, sizeof out->calibration, "given");
     out->disk_free_bytes = 5000000000;
     out->take = engine->take;
+    answer(request, LS_OK);
 }
 
 static enum ls_err asked_for(struct ls_engine *engine, struct ls_diag *diag)
@@ -115,13 +123,22 @@ static enum ls_err asked_for(struct ls_engine *engine, struct ls_diag *diag)
     return err ? ls_fail(diag, err, "the test says %s", ls_err_name(err)) : LS_OK;
 }
 
-enum ls_err ls_engine_preflight(struct ls_engine *engine, const char *plan_text,
-                                struct ls_preflight *out, struct ls_diag *diag)
+void ls_engine_preflight(struct ls_engine *engine, const char *plan_text,
+                         struct ls_request *request)
 {
-    memset(out, 0, sizeof *out);
-    out->shots = (uint32_t)strlen(plan_text);
-    out->seconds = 12.5;
-    return asked_for(engine, diag);
+    request->preflight.shots = (uint32_t)strlen(plan_text);
+    request->preflight.seconds = 12.5;
+    request->engine = engine;
+    if (engine->state.silent)
+        note(engine, &engine->state.waiting);
+    else
+        answer(request, asked_for(engine, &request->diag));
+}
+
+void ls_engine_withdraw(struct ls_request *request, bool stop)
+{
+    request->engine->state.waiting--;
+    request->engine->state.stopped += stop;
 }
 
 static enum ls_err launch(struct ls_engine *engine, const char *id, const char *token,
@@ -141,24 +158,25 @@ static enum ls_err launch(struct ls_engine *engine, const char *id, const char *
     return LS_OK;
 }
 
-enum ls_err ls_engine_start(struct ls_engine *engine, const char *name, const char *plan_text,
-                            const char *token, bool *already, struct ls_diag *diag)
+void ls_engine_start(struct ls_engine *engine, const char *name, const char *plan_text,
+                     const char *token, struct ls_request *request)
 {
-    *already = strcmp(engine->take.token, token) == 0;
-    if (*already)
-        return LS_OK;
-    enum ls_err err = launch(engine, "20260102T030405Z-vase-0a0b0c", token, diag);
-    if (!err)
-        note(engine, &engine->state.started);
-    return err;
+    enum ls_err err = LS_OK;
+    request->already = strcmp(engine->take.token, token) == 0;
+    if (!request->already) {
+        err = launch(engine, "20260102T030405Z-vase-0a0b0c", token, &request->diag);
+        if (!err)
+            note(engine, &engine->state.started);
+    }
+    answer(request, err);
 }
 
-enum ls_err ls_engine_resume(struct ls_engine *engine, const char *take_id, const char *token,
-                             struct ls_diag *diag)
+void ls_engine_resume(struct ls_engine *engine, const char *take_id, const char *token,
+                      struct ls_request *request)
 {
-    enum ls_err err = launch(engine, take_id, token, diag);
+    enum ls_err err = launch(engine, take_id, token, &request->diag);
     engine->state.resumed += !err;
-    return err;
+    answer(request, err);
 }
 
 enum ls_err ls_engine_abort(struct ls_engine *engine, struct ls_diag *diag)
@@ -169,10 +187,10 @@ enum ls_err ls_engine_abort(struct ls_engine *engine, struct ls_diag *diag)
     return LS_OK;
 }
 
-enum ls_err ls_engine_blank(struct ls_engine *engine, struct ls_diag *diag)
+void ls_engine_blank(struct ls_engine *engine, struct ls_request *request)
 {
     engine->state.blanked++;
-    return LS_OK;
+    answer(request, LS_OK);
 }
 
 struct ls_preview *ls_engine_preview(struct ls_engine *engine)

@@ -11,7 +11,9 @@
 /** Counters and answers; written on ls-main only. */
 struct fake_engine_state {
     unsigned started, resumed, aborted, blanked, framed;
-    enum ls_err answer; /* of the next start, resume or preflight; LS_OK = do it */
+    bool silent;               /* preflights are not answered */
+    unsigned waiting, stopped; /* of those: not withdrawn yet; withdrawn, and to be stopped */
+    enum ls_err answer;        /* of the next start, resume or preflight; LS_OK = do it */
 };
 
 struct fake_engine_state *fake_engine_state(struct ls_engine *engine);

@@ -141,6 +141,16 @@ struct fake_engine_state engine_state(struct stage *stage)
     return state;
 }
 
+static void silence(struct stage *stage, void *data)
+{
+    fake_engine_state(stage->engine)->silent = true;
+}
+
+void engine_falls_silent(struct stage *stage)
+{
+    stage_do(stage, silence, NULL);
+}
+
 static void set_answer(struct stage *stage, void *data)
 {
     fake_engine_state(stage->engine)->answer = *(enum ls_err *)data;

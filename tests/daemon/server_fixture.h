@@ -34,6 +34,7 @@ void take_advances(struct stage *stage, uint32_t steps);
 void take_ends(struct stage *stage, enum ls_take_state state);
 struct fake_engine_state engine_state(struct stage *stage);
 void engine_will_answer(struct stage *stage, enum ls_err err);
+void engine_falls_silent(struct stage *stage);
 
 /** Wait until @n clients are connected; fails the test after 5 s. */
 void wait_for_connections(struct stage *stage, unsigned n);

@@ -50,6 +50,40 @@ static void preflight_gets_the_plans_text(struct stage *stage, gconstpointer dat
     ls_connection_close(client);
 }
 
+static uint32_t ask_preflight(struct ls_connection *client)
+{
+    Lightstage__Preflight body = LIGHTSTAGE__PREFLIGHT__INIT;
+    uint32_t request = 0;
+    g_assert_cmpint(ls_connection_send(client, LS_MESSAGE_PREFLIGHT, &body.base, plan, strlen(plan),
+                                       &request, NULL),
+                    ==, LS_OK);
+    return request;
+}
+
+/* What the engine has not answered is the client's to cancel, and goes with its connection. */
+static void a_request_that_waits_for_devices_holds_nobody(struct stage *stage, gconstpointer data)
+{
+    struct ls_connection *client = a_client(stage);
+    Lightstage__Cancel cancel = LIGHTSTAGE__CANCEL__INIT;
+    struct ls_reply reply;
+    struct ls_diag diag = {0};
+    engine_falls_silent(stage);
+    uint32_t first = ask_preflight(client), unanswered = ask_preflight(client);
+    still_serves(stage);
+    cancel.request = first;
+    g_assert_cmpint(
+        ls_connection_send(client, LS_MESSAGE_CANCEL, &cancel.base, NULL, 0, &unanswered, NULL), ==,
+        LS_OK);
+    g_assert_cmpint(ls_connection_receive(client, first, &reply, &diag), ==, LS_ERR_REFUSED);
+    g_assert_cmpuint(ls_connection_error(client), ==, LS_PROTO_CANCELLED);
+    g_assert_cmpuint(engine_state(stage).stopped, ==, 1);
+    ls_connection_close(client);
+    wait_for_connections(stage, 0);
+    struct fake_engine_state state = engine_state(stage);
+    g_assert_cmpuint(state.waiting, ==, 0);
+    g_assert_cmpuint(state.stopped, ==, 2);
+}
+
 static void two_clients_starting_at_once_start_one_take(struct stage *stage, gconstpointer data)
 {
     struct ls_connection *a = a_client(stage), *b = a_client(stage);
@@ -268,6 +302,8 @@ int main(int argc, char **argv)
     ADD("bad-names-and-tokens-are-refused", bad_names_and_tokens_are_refused);
     ADD("progress-follows-the-take-to-its-end", progress_follows_the_take_to_its_end);
     ADD("a-subscriber-that-leaves-changes-nothing", a_subscriber_that_leaves_changes_nothing);
+    ADD("a-request-that-waits-for-devices-holds-nobody",
+        a_request_that_waits_for_devices_holds_nobody);
     ADD("abort-resume-and-blank-reach-the-engine", abort_resume_and_blank_reach_the_engine);
     ADD("cancel-ends-a-subscription", cancel_ends_a_subscription);
     ADD("unknown-takes-are-not-found", unknown_takes_are_not_found);

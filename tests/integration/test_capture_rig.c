@@ -169,7 +169,7 @@ static struct scene *set_up(const char *faults, const char *camera_extra)
                "{ kind = \"each\"; channels = [\"W\"]; } );\n",
                DARKS);
     must(ls_plan_parse(plan, s->config, &s->plan, &s->diag), &s->diag);
-    must(ls_rig_open(s->config, &s->rig, &s->diag), &s->diag);
+    must(ls_rig_open(s->config, NULL, &s->rig, &s->diag), &s->diag);
     open_store(s);
     const struct ls_capture_setup setup = {.config = s->config,
                                            .plan = s->plan,
