@@ -53,7 +53,8 @@ struct ls_camera_info {
     size_t payload_bytes;   /* with chunks; the least a slot must hold */
     uint64_t tick_hz;       /* of its timestamps; 0 = has none */
     bool has_chunks, has_trigger_counter, has_chunk_exposure, has_latch, has_trigger_width;
-    bool packet_socket;            /* receive path in use: packet socket, else UDP */
+    bool packet_socket;            /* receive path: packet socket, else UDP; before start, which of
+                                      them is allowed */
     uint32_t receive_buffer_bytes; /* UDP only: what the kernel grants of the 32 MiB it should be;
                                       with less, frames are lost. 0 with a packet socket */
     bool realtime;                 /* the receive thread runs at rt_priority; known after start */

@@ -208,6 +208,7 @@ static void describe_device(struct aravis *a, struct ls_camera_info *info)
     const char *model = arv_camera_get_model_name(a->camera, NULL);
     const char *serial = arv_camera_get_device_serial_number(a->camera, NULL);
     memset(info, 0, sizeof *info);
+    info->packet_socket = ls_aravis_packet_sockets_allowed();
     snprintf(info->vendor, sizeof info->vendor, "%s", vendor ? vendor : "");
     snprintf(info->model, sizeof info->model, "%s", model ? model : "");
     snprintf(info->serial, sizeof info->serial, "%s", serial ? serial : "");

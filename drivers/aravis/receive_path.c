@@ -16,8 +16,7 @@ enum {
     WAIT_MS = 2000,
 };
 
-/** Aravis decides by the same attempt. */
-static bool packet_sockets_allowed(void)
+bool ls_aravis_packet_sockets_allowed(void)
 {
     int fd = socket(AF_PACKET, SOCK_RAW | SOCK_CLOEXEC, 0);
     if (fd >= 0)
@@ -96,8 +95,8 @@ static uint32_t widen_buffer(uint16_t port)
 void ls_aravis_prepare_receive_path(ArvGvStreamOption options, uint16_t port,
                                     struct ls_camera_info *info)
 {
-    info->packet_socket =
-        !(options & ARV_GV_STREAM_OPTION_PACKET_SOCKET_DISABLED) && packet_sockets_allowed();
+    info->packet_socket = !(options & ARV_GV_STREAM_OPTION_PACKET_SOCKET_DISABLED) &&
+                          ls_aravis_packet_sockets_allowed();
     info->receive_buffer_bytes = info->packet_socket ? 0 : widen_buffer(port);
 }
 

@@ -17,6 +17,9 @@
 
 enum { LS_ARAVIS_RECEIVE_BUFFER = 32 << 20 }; /* bytes wanted of a UDP socket */
 
+/** May this process receive by packet sockets? Aravis decides by the same attempt. */
+bool ls_aravis_packet_sockets_allowed(void);
+
 /** Say in @info which path a stream of UDP port @port with these options takes, by the same
  * decision as Aravis', and give a UDP socket its buffer. */
 void ls_aravis_prepare_receive_path(ArvGvStreamOption options, uint16_t port,

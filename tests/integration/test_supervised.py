@@ -6,6 +6,7 @@ import socket
 import subprocess
 
 import harness
+import takes
 from harness import stage
 
 
@@ -25,14 +26,59 @@ def test_it_says_ready_beats_the_watchdog_and_says_when_it_stops(folder):
         rig.daemon = stage.Process(
             rig.path("daemon.log"), rig.program("daemon/lightstaged"), "--config",
             rig.path("daemon.conf"),
-            environment={"NOTIFY_SOCKET": rig.path("notify"), "WATCHDOG_USEC": "100000"})
-        said = [notify.recv(4096).decode() for _ in range(4)]
+            environment={"NOTIFY_SOCKET": rig.path("notify"), "WATCHDOG_USEC": "3000000"})
+        said = [notify.recv(4096).decode()]
+        notify.settimeout(3)  # as long as it was given
+        said += [notify.recv(4096).decode() for _ in range(2)]
         assert said[0].startswith("READY=1\nSTATUS="), said
-        assert said[1:] == 3 * ["WATCHDOG=1"], said
+        assert said[1:] == 2 * ["WATCHDOG=1"], said
         rig.daemon.child.send_signal(signal.SIGTERM)
         while notify.recv(4096).decode() != "STOPPING=1":
             pass
         assert rig.daemon.stop() is None  # another SIGTERM changes nothing
+
+
+def test_which_privileges_it_lacks_is_said_at_start_in_status_and_in_preflight(folder):
+    try:
+        socket.socket(socket.AF_PACKET, socket.SOCK_RAW).close()
+    except PermissionError:
+        raise harness.Skip("CAP_NET_RAW is missing to begin with")
+    rig = prepared(folder)
+    plan = takes.plan_file(rig, harness.PLAN)
+    daemon = (rig.program("daemon/lightstaged"), "--config", rig.path("daemon.conf"))
+    for wrapper in ((), (harness.need("setpriv"), "--bounding-set=-net_raw")):
+        rig.daemon = stage.Process(rig.path("daemon.log"), *wrapper, *daemon)
+        lacks = bool(wrapper)
+        status, warned = takes.ask(rig, "status")[1], takes.ask(rig, "preflight", "--plan", plan)[1]
+        assert ("serial SIM0, UDP" if lacks else "serial SIM0, packet socket") in status, status
+        assert ("camera 0 is received over UDP: without CAP_NET_RAW" in warned) == lacks, warned
+        for text in (status, stage.read(rig.path("daemon.log"))):
+            assert ("CAP_NET_RAW (frames through a packet socket" in text) == lacks, text
+        assert rig.daemon.stop() is None
+        rig.daemon = None
+
+
+def test_its_threads_are_real_time_and_its_ring_is_locked_where_that_is_allowed(folder):
+    try:
+        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(1))
+        os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
+    except PermissionError:
+        raise harness.Skip("CAP_SYS_NICE is missing")
+    rig = harness.twelve(folder).start()
+    pid = rig.daemon.child.pid
+    takes.begin(rig, takes.LONG)
+    takes.fire(rig, takes.FIRST_LIGHT)
+    policies = {}
+    for task in os.listdir(f"/proc/{pid}/task"):
+        name = stage.read(f"/proc/{pid}/task/{task}/comm").strip()
+        policies[name] = os.sched_getscheduler(int(task)), os.sched_getparam(int(task)).sched_priority
+    seq, cam = policies["ls-seq"], policies["ls-cam-0"]
+    assert seq[0] == cam[0] == os.SCHED_FIFO and 0 < seq[1] < cam[1], policies
+    assert policies["ls-merge-0"][0] == policies["ls-store"][0] == os.SCHED_OTHER, policies
+    locked_kb = [int(line.split()[1]) for line in stage.read(f"/proc/{pid}/status").splitlines()
+                 if line.startswith("VmLck:")]
+    assert locked_kb[0] >= 32 * 128 * 128 / 1024, locked_kb  # 32 slots of 128 x 128 px
+    assert takes.ask(rig, "take", "abort")[0] == 0
 
 
 def test_the_first_client_starts_it_by_its_socket(folder):
