@@ -90,6 +90,37 @@ static void test_limits_of_the_host(void)
         judge(&asked[i]);
 }
 
+static void judge_duty(uint16_t sphere_level, const struct ls_step *steps, uint32_t n_steps,
+                       const char *sentence)
+{
+    const struct ls_lights_info info = info_of();
+    const struct ls_led one = {0, 0, 65535}, all = {0, 0, sphere_level};
+    const struct ls_condition pair[2] = {{LS_CONDITION_ONE, 1, &one},
+                                         {LS_CONDITION_SPHERE, 1, &all}};
+    const struct ls_program program = {pair, 2, steps, n_steps, 10000};
+    struct ls_diag diag = {0};
+    enum ls_err err = ls_lights_test(&info, &program, &diag);
+    g_test_message("%s", diag.text);
+    g_assert_cmpint(err, ==, sentence ? LS_ERR_LIMIT : LS_OK);
+    g_assert_true(!sentence || strstr(diag.text, sentence));
+}
+
+/* Duty is an LED's over any second: alone and in spheres, in whatever steps. */
+static void test_duty_of_the_host(void)
+{
+    /* 495 ms alone, and 100 ms at 3276 / 65535 (5.0 ms) or at 6553 / 65535 (10.0 ms) */
+    const struct ls_step mixed[] = {{0, 247500, 0, 0}, {1, 100000, 0, 0}, {0, 247500, 0, 0}};
+    judge_duty(3276, mixed, 3, NULL);
+    judge_duty(6553, mixed, 3,
+               "step 2: light address 0 channel 0 would be on for 504.999 ms of a second, 4.999 ms "
+               "over");
+    /* 300 ms, and 300 ms again a second after the first began, or 1 us before that */
+    const struct ls_step apart[] = {{0, 300000, 0, 0}, {0, 300000, 700000, 0}};
+    judge_duty(1, apart, 2, NULL);
+    const struct ls_step near[] = {{0, 300000, 0, 0}, {0, 300000, 699999, 0}};
+    judge_duty(1, near, 2, "step 1: light address 0 channel 0 would be on for 600.000 ms");
+}
+
 static void test_memory_of_the_host(void)
 {
     struct ls_lights_info info = info_of();
@@ -360,6 +391,7 @@ int main(int argc, char **argv)
     g_test_init(&argc, &argv, NULL);
     g_test_add_func("/lights/every-limit-is-named-with-how-much-it-is-exceeded",
                     test_limits_of_the_host);
+    g_test_add_func("/lights/duty-is-an-leds-over-any-second", test_duty_of_the_host);
     g_test_add_func("/lights/what-does-not-fit-the-controller-is-refused-with-how-much",
                     test_memory_of_the_host);
     g_test_add_func("/lights/a-work-light-over-a-limit-is-refused-with-how-much",
