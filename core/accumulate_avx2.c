@@ -9,6 +9,7 @@ typedef __m256 vec;
 #define vec_store _mm256_storeu_ps
 #define vec_set1 _mm256_set1_ps
 #define vec_add _mm256_add_ps
+#define vec_order(v, w, p) __asm__("" : "+x"(v), "+r"(w), "+r"(p))
 #define vec_fma _mm256_fmadd_ps
 
 /* x - x is 0, or NaN where x is not finite; NaN stays NaN in the sum */
@@ -25,11 +26,6 @@ static inline vec vec_widen(const char *half)
     return _mm256_cvtph_ps(_mm_loadu_si128((const __m128i *)half));
 }
 
-static inline void widen8(const char *half, float *e)
-{
-    _mm256_storeu_ps(e, _mm256_cvtph_ps(_mm_loadu_si128((const __m128i *)half)));
-}
-
 #include "core/accumulate_vector.inc"
 
-const struct ls_accumulate_kernels ls_accumulate_kernels_avx2 = {add};
+const struct ls_accumulate_kernels ls_accumulate_kernels_avx2 = {sum};

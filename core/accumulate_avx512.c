@@ -1,7 +1,7 @@
 #include <immintrin.h>
 #include <stdint.h>
 
-enum { LANES = 16, WIDE = 8, MIDDLE = 8, NARROW = 4 };
+enum { LANES = 16, WIDE = 4, MIDDLE = 4, NARROW = 4 };
 
 typedef __m512 vec;
 #define vec_zero _mm512_setzero_ps
@@ -10,6 +10,9 @@ typedef __m512 vec;
 #define vec_set1 _mm512_set1_ps
 #define vec_add _mm512_add_ps
 #define vec_fma _mm512_fmadd_ps
+
+/* there are registers to spare: the order of addresses is enough */
+#define vec_order(v, w, p) __asm__("" : "+r"(w), "+r"(p))
 
 /* x - x is 0, or NaN where x is not finite; NaN stays NaN in the sum */
 static inline int vec_not_finite(const vec *x, uint32_t n)
@@ -25,11 +28,6 @@ static inline vec vec_widen(const char *half)
     return _mm512_cvtph_ps(_mm256_loadu_si256((const __m256i *)half));
 }
 
-static inline void widen8(const char *half, float *e)
-{
-    _mm256_storeu_ps(e, _mm256_cvtph_ps(_mm_loadu_si128((const __m128i *)half)));
-}
-
 #include "core/accumulate_vector.inc"
 
-const struct ls_accumulate_kernels ls_accumulate_kernels_avx512 = {add};
+const struct ls_accumulate_kernels ls_accumulate_kernels_avx512 = {sum};

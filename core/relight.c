@@ -8,7 +8,12 @@
 #include <stdlib.h>
 #include <string.h>
 
-enum { GROUP = LS_ACCUMULATE_GROUP, PANEL = LS_ACCUMULATE_PANEL, ACC_BYTES = 96 * 1024 };
+enum {
+    PANEL = LS_ACCUMULATE_PANEL,
+    ROW = LS_ACCUMULATE_ROW,
+    ACC_BYTES = 96 * 1024,
+    APART = 16, /* floats, or the same place of every sum would share a set of the first cache */
+};
 
 /** One call of ls_accumulate. */
 struct pass {
@@ -21,11 +26,14 @@ struct pass {
     float *sums;
     float *weights; /* [n_pictures][n_sums] */
     uint32_t chunk; /* pixels summed at a time, so that their sums stay in the second cache */
-    float *acc;     /* [n_sums][chunk] */
+    size_t acc_stride;
+    float *acc;     /* [n_sums][acc_stride] */
     uint32_t *used; /* [n_used], pictures with a weight */
     uint32_t n_used;
     const void **halfs; /* [n_pictures], of the tile at hand */
     const float **w;    /* [n_pictures], of the same pictures */
+    float *packed;      /* the same, as the kernels take them */
+    void *room;         /* theirs */
     struct ls_accumulate_report *report;
     struct ls_left_out *left_out; /* NULL without max_error */
 };
@@ -50,31 +58,28 @@ static void hand_over(const struct pass *pass, const struct tile *tile, uint32_t
         for (uint32_t q = 0; q < pass->job->n_sums; q++)
             memcpy(pass->sums + q * pass->sum_stride + (tile->y + y) * pass->row_stride + tile->x +
                        x,
-                   pass->acc + (size_t)q * pass->chunk + (at - first), sizeof *pass->acc * n);
+                   pass->acc + q * pass->acc_stride + (at - first), sizeof *pass->acc * n);
         at += n;
     }
 }
 
-static const void *at_pixel(const struct pass *pass, size_t picture, size_t pixel)
-{
-    return (const char *)pass->halfs[picture] + 2 * pixel;
-}
-
 /* Pixels [first, first + count) of the tile, over the @n pictures listed in the pass. */
-static void run_chunk(const struct pass *pass, uint32_t n, uint32_t first, uint32_t count)
+static void run_chunk(const struct pass *pass, uint32_t n, uint32_t first, uint32_t count,
+                      float *acc, size_t row_stride, size_t stride)
 {
-    const void *halfs[GROUP], *next[GROUP];
-    memset(pass->acc, 0, sizeof *pass->acc * pass->job->n_sums * pass->chunk);
-    for (uint32_t i = 0; i < n; i += GROUP) {
-        uint32_t some = n - i < GROUP ? n - i : GROUP;
-        for (uint32_t k = 0; k < some; k++) {
-            halfs[k] = at_pixel(pass, i + k, first);
-            next[k] = i + GROUP + k < n ? at_pixel(pass, i + GROUP + k, first)
-                                        : at_pixel(pass, k, first + count);
-        }
-        pass->report->not_finite += pass->kernels->add(halfs, next, pass->w + i, some, count,
-                                                       pass->job->n_sums, pass->acc, pass->chunk);
-    }
+    const struct ls_accumulate_terms terms = {.halfs = pass->halfs,
+                                              .weights = pass->packed,
+                                              .n = n,
+                                              .n_sums = pass->job->n_sums,
+                                              .room = pass->room};
+    if (n > 0)
+        pass->report->not_finite +=
+            pass->kernels->sum(&terms, first, count, acc, row_stride, stride);
+    else
+        for (uint32_t q = 0; q < terms.n_sums; q++)
+            for (uint32_t j = 0; j < count; j += ROW)
+                memset(acc + q * stride + j / ROW * row_stride, 0,
+                       sizeof *acc * (count - j < ROW ? count - j : ROW));
 }
 
 static void choose_skips(const struct pass *pass, const struct tile *tile)
@@ -111,17 +116,25 @@ static uint32_t list_pictures(struct pass *pass, const struct tile *tile)
         pass->halfs[n] = halfs;
         pass->w[n++] = pass->weights + (size_t)i * pass->job->n_sums;
     }
+    ls_accumulate_pack(pass->w, n, pass->job->n_sums, pass->packed);
     pass->report->tiles_read += n;
     pass->report->tiles_skipped += pass->job->n_pictures - n;
     return n;
 }
 
+/* Many sums go straight to their place, since what is written once need not lie close together; few
+ * are added to by every group of pictures, and are handed over. */
 static void run_tile(struct pass *pass, const struct tile *tile)
 {
     uint32_t n = list_pictures(pass, tile), pixels = tile->width * tile->height;
+    if (pass->job->n_sums > LS_ACCUMULATE_BLOCK && tile->width == ROW) {
+        run_chunk(pass, n, 0, pixels, pass->sums + tile->y * pass->row_stride + tile->x,
+                  pass->row_stride, pass->sum_stride);
+        return;
+    }
     for (uint32_t first = 0; first < pixels; first += pass->chunk) {
         uint32_t count = pixels - first < pass->chunk ? pixels - first : pass->chunk;
-        run_chunk(pass, n, first, count);
+        run_chunk(pass, n, first, count, pass->acc, ROW, pass->acc_stride);
         hand_over(pass, tile, first, count);
     }
 }
@@ -230,6 +243,7 @@ enum ls_err ls_accumulate_with(const struct ls_accumulate_kernels *kernels,
                         .sum_stride = job->sum_stride,
                         .sums = sums,
                         .chunk = chunk_px(job->n_sums),
+                        .acc_stride = chunk_px(job->n_sums) + APART,
                         .report = report ? report : &unused};
     if (!pass.row_stride)
         pass.row_stride = pass.width;
@@ -237,14 +251,19 @@ enum ls_err ls_accumulate_with(const struct ls_accumulate_kernels *kernels,
         pass.sum_stride = pass.row_stride * pass.height;
     size_t n = job->n_pictures;
     LS_CLEANUP_FREE float *weights = malloc((n * job->n_sums + 1) * sizeof *weights);
-    LS_CLEANUP_FREE float *acc = malloc((size_t)pass.chunk * job->n_sums * sizeof *acc);
+    LS_CLEANUP_FREE float *packed =
+        malloc(ls_accumulate_padded(job->n_pictures) * job->n_sums * sizeof *packed + 1);
+    LS_CLEANUP_FREE float *acc = malloc(pass.acc_stride * job->n_sums * sizeof *acc);
+    LS_CLEANUP_FREE void *room = malloc(2 * PANEL * ls_accumulate_padded(job->n_pictures) + 1);
     LS_CLEANUP_FREE uint32_t *used = malloc((n + 1) * sizeof *used);
     LS_CLEANUP_FREE const void **halfs = malloc((n + 1) * sizeof *halfs);
     LS_CLEANUP_FREE const float **w = malloc((n + 1) * sizeof *w);
-    if (!weights || !acc || !used || !halfs || !w)
+    if (!weights || !packed || !acc || !room || !used || !halfs || !w)
         return ls_fail(diag, LS_ERR_NOMEM, "relight: out of memory");
     pass.weights = weights;
+    pass.packed = packed;
     pass.acc = acc;
+    pass.room = room;
     pass.used = used;
     pass.halfs = halfs;
     pass.w = w;

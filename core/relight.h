@@ -49,14 +49,15 @@ struct ls_accumulate_report {
  * that is 0 in every picture that counts is not read either, whatever max_error: the sums are the
  * same bits.
  *
- * Accuracy: |error| <= (min(n, 32) + ceil(n/32)) 2^-24 sum_i |w_i e_i| + bound (+ 2^-150 per
+ * Accuracy: |error| <= (min(n, 8) + ceil(n/8)) 2^-24 sum_i |w_i e_i| + bound (+ 2^-150 per
  * picture where products leave the range of normal floats), n the pictures read: partial sums of
- * 32 pictures in ascending order, each step one fused multiply-add, then the partial sums in
+ * 8 pictures in ascending order, each step one fused multiply-add, then the partial sums in
  * ascending order, all in float. Every instruction set returns the same bits, whatever the region,
  * the number of threads or what is summed beside. A stored Inf or NaN counts as 0 and is counted in
  * the report.
- * Allocates a copy of the weights and the sums of a tile. Errors: LS_ERR_INVALID (region, a weight
- * that is not finite, max_error without tile_max), LS_ERR_NOMEM.
+ * Allocates copies of the weights, the sums of a tile, and room for 128 pixels of each picture.
+ * Errors: LS_ERR_INVALID (region, a weight that is not finite, max_error without tile_max),
+ * LS_ERR_NOMEM.
  */
 LS_MUST_CHECK enum ls_err ls_accumulate(const struct ls_field *field,
                                         const struct ls_accumulate_job *job,

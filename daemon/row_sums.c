@@ -1,7 +1,7 @@
 #include "daemon/row_sums.h"
 
 /* More shares than threads: who is done early takes another. */
-enum { SHARES_EACH = 4, MAX_SHARES = SHARES_EACH * LS_CREW_MAX_THREADS };
+enum { SHARES_EACH = 8, MAX_SHARES = SHARES_EACH * LS_CREW_MAX_THREADS };
 
 struct tile_rows {
     const struct ls_relight_rows *rows;
