@@ -200,6 +200,7 @@ static void test_errors_are_told(void)
 struct unsynced {
     unsigned renames, journal_writes;
     bool file, journal, pictures, document; /* the bytes of a file; the names of files */
+    bool said_after;                        /* records that came after the newest take.json */
 };
 
 static int watch_order(void *user, enum ls_disk_op op, const char *name, size_t *n_bytes)
@@ -209,6 +210,7 @@ static int watch_order(void *user, enum ls_disk_op op, const char *name, size_t 
     if (op == LS_DISK_WRITE && journal) {
         g_assert_false(u->pictures); /* a record vouches for files that are there */
         u->journal_writes++;
+        u->said_after = true;
     }
     if (op == LS_DISK_WRITE || op == LS_DISK_SYNC)
         *(journal ? &u->journal : &u->file) = op == LS_DISK_WRITE;
@@ -216,6 +218,7 @@ static int watch_order(void *user, enum ls_disk_op op, const char *name, size_t 
         g_assert_false(u->file); /* under its own name a file is whole */
         g_assert_true(picture || !u->journal);
         *(picture ? &u->pictures : &u->document) = true;
+        u->said_after &= picture;
         u->renames++;
     }
     if (op == LS_DISK_SYNC_DIR)
@@ -233,6 +236,7 @@ static void test_order(void)
     g_assert_cmpuint(unsynced.renames, >, N_CONDITIONS);
     g_assert_cmpuint(unsynced.journal_writes, >=, N_CONDITIONS / 2);
     g_assert_false(unsynced.file || unsynced.journal || unsynced.pictures || unsynced.document);
+    g_assert_false(unsynced.said_after); /* what take.json calls ended is whole in the journal */
     munmap(promises, sizeof *promises);
     remove_tree(root);
     g_free(root);
