@@ -70,14 +70,29 @@ static bool parse(struct ls_command_context *context, int argc, char **argv, str
     return ls_command_arguments(&ls_command_take_slate, argc, 1);
 }
 
-static void apply(const struct changes *c, Lightstage__Slate *slate)
+/* Of a text that changes; the daemon keeps the others as they are. */
+static char *text_of(const char *text, uint32_t field, Lightstage__TakeSlate *body)
 {
-    slate->slate = c->slate ? (char *)c->slate : slate->slate;
-    slate->scene = c->scene ? (char *)c->scene : slate->scene;
-    slate->timecode = c->timecode ? (char *)c->timecode : slate->timecode;
-    slate->notes = c->notes ? (char *)c->notes : slate->notes;
-    slate->take = c->number >= 0 ? (uint32_t)c->number : slate->take;
-    slate->circled = c->circled >= 0 ? c->circled : slate->circled;
+    if (text)
+        body->fields[body->n_fields++] = field;
+    return (char *)(text ? text : "");
+}
+
+static void apply(const struct changes *c, Lightstage__Slate *slate, Lightstage__TakeSlate *body)
+{
+    slate->slate = text_of(c->slate, 1, body);
+    slate->scene = text_of(c->scene, 2, body);
+    slate->timecode = text_of(c->timecode, 5, body);
+    slate->notes = text_of(c->notes, 6, body);
+    if (c->number >= 0) {
+        slate->take = (uint32_t)c->number;
+        body->fields[body->n_fields++] = 3;
+    }
+    if (c->circled >= 0) {
+        slate->circled = c->circled;
+        body->fields[body->n_fields++] = 4;
+    }
+    body->write = slate;
 }
 
 static void print(struct ls_command_context *context, const Lightstage__Slate *s)
@@ -100,13 +115,10 @@ static void print(struct ls_command_context *context, const Lightstage__Slate *s
     putchar('\n');
 }
 
-static int call(struct ls_command_context *context, const char *take, Lightstage__Slate *write,
+static int call(struct ls_command_context *context, const Lightstage__TakeSlate *body,
                 struct ls_reply *reply)
 {
-    Lightstage__TakeSlate body = LIGHTSTAGE__TAKE_SLATE__INIT;
-    body.take = (char *)take;
-    body.write = write;
-    int code = ls_command_call(context, LS_MESSAGE_TAKE_SLATE, &body.base, NULL, 0, reply);
+    int code = ls_command_call(context, LS_MESSAGE_TAKE_SLATE, &body->base, NULL, 0, reply);
     if (code || ((const Lightstage__TakeSlateReply *)reply->message)->slate)
         return code;
     ls_reply_finish(reply);
@@ -117,25 +129,26 @@ static int call(struct ls_command_context *context, const char *take, Lightstage
 static int run_slate(struct ls_command_context *context, int argc, char **argv)
 {
     struct changes changes;
-    struct ls_reply was, is;
+    struct ls_reply reply;
+    uint32_t fields[6];
+    Lightstage__Slate slate = LIGHTSTAGE__SLATE__INIT;
+    Lightstage__TakeSlate body = LIGHTSTAGE__TAKE_SLATE__INIT;
     if (!parse(context, argc, argv, &changes))
         return LS_EXIT_USAGE;
-    int code = call(context, argv[optind], NULL, &was);
+    body.take = argv[optind];
+    body.fields = fields;
+    if (changes.any)
+        apply(&changes, &slate, &body);
+    int code = call(context, &body, &reply);
     if (code)
         return code;
-    Lightstage__Slate slate = *((const Lightstage__TakeSlateReply *)was.message)->slate;
-    if (changes.any) {
-        apply(&changes, &slate);
-        code = call(context, argv[optind], &slate, &is);
-    }
-    if (!code && changes.any) {
-        print(context, ((const Lightstage__TakeSlateReply *)is.message)->slate);
-        ls_reply_finish(&is);
-    } else if (!code) {
-        print(context, &slate);
-    }
-    ls_reply_finish(&was);
-    return code;
+    const Lightstage__TakeSlateReply *is = (const Lightstage__TakeSlateReply *)reply.message;
+    print(context, is->slate);
+    if (is->damaged)
+        fprintf(stderr, "lightstagectl: the slate was damaged and is empty but for this change; "
+                        "what was there is slate.damaged.json in the take's folder\n");
+    ls_reply_finish(&reply);
+    return 0;
 }
 
 const struct ls_command ls_command_take_slate = {

@@ -13,7 +13,7 @@
 #include <unistd.h>
 
 enum { FORMAT = 1, MAX_BYTES = 64 * 1024 };
-static const char file_name[] = "slate.json";
+static const char file_name[] = "slate.json", damaged_name[] = "slate.damaged.json";
 
 static bool is_text(const char *text, bool lines)
 {
@@ -81,22 +81,18 @@ static bool decode(const json_t *root, struct ls_slate *slate)
            ls_slate_check(slate, NULL) == LS_OK;
 }
 
-enum ls_err ls_slate_read(const char *folder, struct ls_slate *slate, struct ls_diag *diag)
+/* LS_ERR_INVALID: damaged. All zero on every error, and where there is none. */
+static enum ls_err load(int fd, const char *folder, struct ls_slate *slate, struct ls_diag *diag)
 {
     uint8_t *bytes = NULL;
     size_t n;
-    int fd;
     *slate = (struct ls_slate){.take = 0};
-    enum ls_err err = open_folder(folder, &fd, diag);
-    if (err)
-        return err;
-    err = ls_disk_read(fd, file_name, MAX_BYTES, &bytes, &n, diag);
-    close(fd);
+    enum ls_err err = ls_disk_read(fd, file_name, MAX_BYTES, &bytes, &n, diag);
     if (err == LS_ERR_NOT_FOUND)
         return LS_OK;
-    if (err)
+    if (err && err != LS_ERR_LIMIT)
         return err;
-    json_t *root = json_loadb((const char *)bytes, n, JSON_REJECT_DUPLICATES, NULL);
+    json_t *root = err ? NULL : json_loadb((const char *)bytes, n, JSON_REJECT_DUPLICATES, NULL);
     bool good = root && decode(root, slate);
     json_decref(root);
     free(bytes);
@@ -104,8 +100,21 @@ enum ls_err ls_slate_read(const char *folder, struct ls_slate *slate, struct ls_
         return LS_OK;
     *slate = (struct ls_slate){.take = 0};
     return ls_fail(diag, LS_ERR_INVALID,
-                   "%s/%s is damaged: remove it, the take itself does not need it", folder,
-                   file_name);
+                   "%s/%s is damaged: what is written down next replaces it, the take itself does "
+                   "not need it",
+                   folder, file_name);
+}
+
+enum ls_err ls_slate_read(const char *folder, struct ls_slate *slate, struct ls_diag *diag)
+{
+    int fd;
+    *slate = (struct ls_slate){.take = 0};
+    enum ls_err err = open_folder(folder, &fd, diag);
+    if (err)
+        return err;
+    err = load(fd, folder, slate, diag);
+    close(fd);
+    return err;
 }
 
 static char *encode(const struct ls_slate *slate)
@@ -118,23 +127,64 @@ static char *encode(const struct ls_slate *slate)
     return text;
 }
 
-enum ls_err ls_slate_write(const char *folder, const struct ls_slate *slate, struct ls_diag *diag)
+static enum ls_err store(int fd, const char *folder, const struct ls_slate *slate,
+                         struct ls_diag *diag)
+{
+    LS_CLEANUP_FREE char *text = encode(slate);
+    if (!text)
+        return ls_fail(diag, LS_ERR_NOMEM, "out of memory");
+    enum ls_err err = ls_disk_replace(NULL, fd, file_name, text, strlen(text), NULL, diag);
+    return err ? err : ls_disk_sync_dir(NULL, fd, folder, diag);
+}
+
+static void merge(struct ls_slate *now, unsigned fields, const struct ls_slate *change)
+{
+    if (fields & LS_SLATE_SLATE)
+        memcpy(now->slate, change->slate, sizeof now->slate);
+    if (fields & LS_SLATE_SCENE)
+        memcpy(now->scene, change->scene, sizeof now->scene);
+    if (fields & LS_SLATE_TAKE)
+        now->take = change->take;
+    if (fields & LS_SLATE_CIRCLED)
+        now->circled = change->circled;
+    if (fields & LS_SLATE_TIMECODE)
+        memcpy(now->timecode, change->timecode, sizeof now->timecode);
+    if (fields & LS_SLATE_NOTES)
+        memcpy(now->notes, change->notes, sizeof now->notes);
+}
+
+/* Under the folder's lock. */
+static enum ls_err change(int fd, const char *folder, unsigned fields, struct ls_slate *slate,
+                          bool *damaged, struct ls_diag *diag)
+{
+    struct ls_slate now;
+    enum ls_err err = load(fd, folder, &now, diag);
+    *damaged = err == LS_ERR_INVALID;
+    if (err && !*damaged)
+        return err;
+    if (*damaged && renameat(fd, file_name, fd, damaged_name))
+        return ls_fail(diag, LS_ERR_OS, "%s/%s: %s", folder, damaged_name, strerror(errno));
+    merge(&now, fields, slate);
+    err = store(fd, folder, &now, diag);
+    if (!err)
+        *slate = now;
+    return err;
+}
+
+enum ls_err ls_slate_change(const char *folder, unsigned fields, struct ls_slate *slate,
+                            bool *damaged, struct ls_diag *diag)
 {
     int fd;
+    *damaged = false;
     enum ls_err err = ls_slate_check(slate, diag);
     if (!err)
         err = open_folder(folder, &fd, diag);
     if (err)
         return err;
-    LS_CLEANUP_FREE char *text = encode(slate);
-    if (!text)
-        err = ls_fail(diag, LS_ERR_NOMEM, "out of memory");
-    else if (flock(fd, LOCK_EX)) /* released with the descriptor */
+    if (flock(fd, LOCK_EX)) /* released with the descriptor */
         err = ls_fail(diag, LS_ERR_OS, "%s: %s", folder, strerror(errno));
-    if (!err)
-        err = ls_disk_replace(NULL, fd, file_name, text, strlen(text), NULL, diag);
-    if (!err)
-        err = ls_disk_sync_dir(NULL, fd, folder, diag);
+    else
+        err = change(fd, folder, fields, slate, damaged, diag);
     close(fd);
     return err;
 }

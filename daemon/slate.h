@@ -27,12 +27,31 @@ struct ls_slate {
 LS_MUST_CHECK enum ls_err ls_slate_check(const struct ls_slate *slate, struct ls_diag *diag);
 
 /** The slate of the take in @folder; all zero where there is none. Errors: LS_ERR_NOT_FOUND (no
- * such folder), LS_ERR_INVALID (damaged; the sentence says what to do), LS_ERR_OS, LS_ERR_NOMEM. */
+ * such folder), LS_ERR_INVALID (damaged, or over 64 KiB; the sentence says what to do), LS_ERR_OS,
+ * LS_ERR_NOMEM. */
 LS_MUST_CHECK enum ls_err ls_slate_read(const char *folder, struct ls_slate *slate,
                                         struct ls_diag *diag);
 
-/** Replace it, atomically and durably. Errors as check and read, and LS_ERR_FULL. */
-LS_MUST_CHECK enum ls_err ls_slate_write(const char *folder, const struct ls_slate *slate,
-                                         struct ls_diag *diag);
+/** Fields of a slate, or-ed: bit n - 1 is number n of Slate in proto/lightstage.proto. */
+enum {
+    LS_SLATE_FIELDS = 6,
+    LS_SLATE_SLATE = 1,
+    LS_SLATE_SCENE = 2,
+    LS_SLATE_TAKE = 4,
+    LS_SLATE_CIRCLED = 8,
+    LS_SLATE_TIMECODE = 16,
+    LS_SLATE_NOTES = 32,
+    LS_SLATE_ALL = 63,
+};
+
+/**
+ * Change @fields of it to what @slate says, atomically and durably; whoever changes other fields at
+ * the same time loses nothing. @slate: then as it now is, the whole of it; after an error as it
+ * was. A damaged slate becomes slate.damaged.json, in place of an older one, and *damaged says so;
+ * what @fields leave out is then empty. Errors: as check and read but for damage, and LS_ERR_FULL.
+ */
+LS_MUST_CHECK enum ls_err ls_slate_change(const char *folder, unsigned fields,
+                                          struct ls_slate *slate, bool *damaged,
+                                          struct ls_diag *diag);
 
 #endif

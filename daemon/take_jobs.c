@@ -214,7 +214,7 @@ struct ls_job *ls_take_verify_job(uint32_t request, const char *storage, const c
 
 struct slate_job {
     struct take_job base;
-    bool write;
+    unsigned fields; /* that change; 0: it is read */
     struct ls_slate slate;
 };
 
@@ -223,12 +223,13 @@ static enum ls_err slate_step(struct ls_job *job, struct ls_chunk *chunk, bool *
 {
     struct slate_job *self = (struct slate_job *)job;
     char folder[PATH_BYTES];
+    bool damaged = false;
     Lightstage__Slate slate = LIGHTSTAGE__SLATE__INIT;
     Lightstage__TakeSlateReply body = LIGHTSTAGE__TAKE_SLATE_REPLY__INIT;
     enum ls_err err = folder_of(&self->base, folder, diag);
     if (!err)
-        err = self->write ? ls_slate_write(folder, &self->slate, diag)
-                          : ls_slate_read(folder, &self->slate, diag);
+        err = self->fields ? ls_slate_change(folder, self->fields, &self->slate, &damaged, diag)
+                           : ls_slate_read(folder, &self->slate, diag);
     if (err)
         return err;
     slate.slate = self->slate.slate;
@@ -238,6 +239,7 @@ static enum ls_err slate_step(struct ls_job *job, struct ls_chunk *chunk, bool *
     slate.timecode = self->slate.timecode;
     slate.notes = self->slate.notes;
     body.slate = &slate;
+    body.damaged = damaged;
     *last = true;
     return reply(&self->base, LS_MESSAGE_TAKE_SLATE, &body.base, true, chunk, diag);
 }
@@ -261,18 +263,36 @@ static enum ls_err slate_of(const Lightstage__Slate *in, struct ls_slate *out, s
     return ls_slate_check(out, diag);
 }
 
+static enum ls_err fields_of(const Lightstage__TakeSlate *message, unsigned *fields,
+                             struct ls_diag *diag)
+{
+    *fields = message->n_fields ? 0 : LS_SLATE_ALL;
+    for (size_t k = 0; k < message->n_fields; k++) {
+        uint32_t number = message->fields[k];
+        if (number == 0 || number > LS_SLATE_FIELDS)
+            return ls_fail(diag, LS_ERR_INVALID, "slate: there is no field %u", number);
+        *fields |= 1u << (number - 1);
+    }
+    return LS_OK;
+}
+
 enum ls_err ls_take_slate_job(uint32_t request, const char *storage,
                               const Lightstage__TakeSlate *message, struct ls_job **job,
                               struct ls_diag *diag)
 {
     static const struct ls_job_ops ops = {"slate", slate_step, take_job_destroy};
     struct ls_slate slate = {.take = 0};
-    enum ls_err err = message->write ? slate_of(message->write, &slate, diag) : LS_OK;
+    unsigned fields = 0;
+    enum ls_err err = LS_OK;
+    if (message->write)
+        err = slate_of(message->write, &slate, diag);
+    if (!err && message->write)
+        err = fields_of(message, &fields, diag);
     if (err)
         return err;
     struct slate_job *self = g_new0(struct slate_job, 1);
     init(&self->base, &ops, request, storage, message->take);
-    self->write = message->write;
+    self->fields = fields;
     self->slate = slate;
     *job = &self->base.job;
     return LS_OK;

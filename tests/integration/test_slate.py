@@ -3,9 +3,11 @@
 import hashlib
 import json
 import os
+import subprocess
 
 import harness
 import takes
+from harness import stage
 
 
 def sums(folder):
@@ -46,6 +48,29 @@ def test_a_slate_is_kept_beside_the_take_and_leaves_its_data_alone(folder):
     harness.refuses("not the name of a take", lambda: slate(rig, "../takes"))
     harness.refuses("No such file", lambda: slate(rig, "20260102T030405Z-none-a1b2c3"))
     assert slate(rig, take) == second
+
+
+def test_two_who_write_at_once_lose_nothing_and_a_damaged_slate_is_set_aside(folder):
+    rig = harness.twelve(folder).start()
+    take = takes.photograph(rig, harness.PLAN)[1]["id"]
+    clients = [subprocess.Popen(takes.ctl(rig, "take", "slate", take, *change),
+                                stdout=subprocess.DEVNULL, preexec_fn=stage.die_with_parent)
+               for _ in range(8) for change in (("--scene", "kitchen"), ("--take", "3"),
+                                                ("--notes", "blinked"), ("--circled", "yes"))]
+    assert all(client.wait(60) == 0 for client in clients)
+    all_four = {"slate": "", "scene": "kitchen", "take": 3, "circled": True, "timecode": "",
+                "notes": "blinked"}
+    assert slate(rig, take) == all_four
+    path = rig.path(f"takes/{take}/slate.json")
+    stage.write(path, "{")
+    harness.refuses("damaged", lambda: slate(rig, take))
+    code, out, err = takes.ask(rig, "take", "slate", take, "--notes", "again", "--json")
+    assert code == 0, err
+    takes.says(err, "slate.damaged.json")
+    assert json.loads(out) == {**all_four, "scene": "", "take": 0, "circled": False,
+                               "notes": "again"}, out
+    assert stage.read(rig.path(f"takes/{take}/slate.damaged.json")) == "{"
+    rig.control("take", "verify", take)
 
 
 def test_a_running_take_has_a_slate(folder):
