@@ -35,8 +35,8 @@ static json_t *camera_json(const Lightstage__CameraMetrics *c)
                      reasons_json(c->frames_discarded, c->n_frames_discarded), "steps_unbound",
                      reasons_json(c->steps_unbound, c->n_steps_unbound), "shots_lost",
                      (json_int_t)c->shots_lost, "shots_repaired", (json_int_t)c->shots_repaired,
-                     "packets_resent", (json_int_t)c->packets_resent, "underruns",
-                     (json_int_t)c->underruns);
+                     "settling_pulses", (json_int_t)c->settling_pulses, "packets_resent",
+                     (json_int_t)c->packets_resent, "underruns", (json_int_t)c->underruns);
 }
 
 static void print_json(const Lightstage__MetricsReply *m)

@@ -7,19 +7,21 @@
 
 static void print_json(const Lightstage__PreflightReply *p)
 {
-    ls_command_print_json(json_pack(
-        "{sI sI sI sf sI sI sf sf sf sf ss}", "conditions", (json_int_t)p->conditions, "steps",
-        (json_int_t)p->steps, "shots", (json_int_t)p->shots, "seconds", p->seconds, "bytes",
-        (json_int_t)p->bytes, "disk_free_bytes", (json_int_t)p->disk_free_bytes, "dark_noise_share",
-        p->dark_noise_share, "energy_j", p->energy_j, "peak_current_a", p->peak_current_a,
-        "led_duty", p->led_duty, "warnings", p->warnings));
+    ls_command_print_json(
+        json_pack("{ss sI sI sI sf sI sI sf sf sf sf ss}", "bracket", p->bracket, "conditions",
+                  (json_int_t)p->conditions, "steps", (json_int_t)p->steps, "shots",
+                  (json_int_t)p->shots, "seconds", p->seconds, "bytes", (json_int_t)p->bytes,
+                  "disk_free_bytes", (json_int_t)p->disk_free_bytes, "dark_noise_share",
+                  p->dark_noise_share, "energy_j", p->energy_j, "peak_current_a", p->peak_current_a,
+                  "led_duty", p->led_duty, "warnings", p->warnings));
 }
 
 static void print_text(const Lightstage__PreflightReply *p)
 {
-    printf("conditions  %u\nshots       %u\nduration    %.0f s\ndisk        %.2f GB of %.1f GB "
+    printf("conditions  %u\nshots       %u\nexposures   by %s\nduration    %.0f s\ndisk        "
+           "%.2f GB of %.1f GB "
            "free\ndark noise  %.0f %% of a relit picture's\n",
-           p->conditions, p->shots, p->seconds, (double)p->bytes * 1e-9,
+           p->conditions, p->shots, ls_clean(p->bracket), p->seconds, (double)p->bytes * 1e-9,
            (double)p->disk_free_bytes * 1e-9, p->dark_noise_share * 100);
     printf("LEDs        %.0f J, at most %.1f A, the busiest lit %.2f %% of the time\n", p->energy_j,
            p->peak_current_a, p->led_duty * 100);

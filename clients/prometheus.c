@@ -96,6 +96,8 @@ static void put_counters(FILE *out, const Lightstage__MetricsReply *m)
          offsetof(Lightstage__CameraMetrics, shots_lost)},
         {"shots_repaired_total", "Lost shots that were shot again and had.",
          offsetof(Lightstage__CameraMetrics, shots_repaired)},
+        {"settling_pulses_total", "Dark pulses after an exposure was written.",
+         offsetof(Lightstage__CameraMetrics, settling_pulses)},
         {"packets_resent_total", "Packets lost on the network and sent again.",
          offsetof(Lightstage__CameraMetrics, packets_resent)},
         {"underruns_total", "Packets or frames for which no buffer was free.",

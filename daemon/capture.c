@@ -9,15 +9,17 @@
 #include <stdlib.h>
 #include <time.h>
 
-/* A resumed take's shots go on counting attempts where the journal stops. */
-static enum ls_err count_attempts(struct ls_capture *c, struct ls_diag *diag)
+/* A resumed take's shots go on counting attempts where the journal stops; what it kept of brackets
+ * is used. */
+static enum ls_err go_on(struct ls_capture *c, struct ls_diag *diag)
 {
     if (!c->setup.condition_done)
         return LS_OK;
     struct ls_takedir *take = NULL;
     uint32_t n = c->setup.plan->n_steps * c->n_cameras;
     c->first_attempt = calloc(n + 1, sizeof *c->first_attempt);
-    if (!c->first_attempt)
+    c->kept = calloc(n + 1, sizeof *c->kept);
+    if (!c->first_attempt || !c->kept)
         return ls_fail(diag, LS_ERR_NOMEM, "out of memory");
     enum ls_err err = ls_takedir_open(ls_store_folder(c->setup.store), &take, diag);
     if (err)
@@ -27,13 +29,23 @@ static enum ls_err count_attempts(struct ls_capture *c, struct ls_diag *diag)
         if (ticket->shot < n && ticket->attempt >= c->first_attempt[ticket->shot])
             c->first_attempt[ticket->shot] = ticket->attempt + 1;
     }
+    if (c->setup.plan->bracket == LS_BRACKET_OUTERMOST)
+        err = ls_kept_find(take, c->setup.plan, c->setup.condition_done, c->kept, diag);
     ls_takedir_close(take);
-    return LS_OK;
+    return err;
 }
 
 static bool is_done(const struct ls_capture *c, uint32_t condition)
 {
     return c->setup.condition_done && c->setup.condition_done[condition];
+}
+
+static bool is_kept(const struct ls_capture *c, uint32_t step)
+{
+    for (uint32_t k = 0; k < c->n_cameras; k++)
+        if (!c->kept || !c->kept[step * c->n_cameras + k].there)
+            return false;
+    return true;
 }
 
 static void count_planned(struct ls_capture *c)
@@ -42,7 +54,9 @@ static void count_planned(struct ls_capture *c)
         if (is_done(c, i))
             continue;
         c->conditions_planned++;
-        c->steps_planned += c->setup.plan->conditions[i].n_steps;
+        const struct ls_plan_condition *of = &c->setup.plan->conditions[i];
+        for (uint32_t k = of->first_step; k < of->first_step + of->n_steps; k++)
+            c->steps_planned += !is_kept(c, k);
     }
 }
 
@@ -55,15 +69,16 @@ static enum ls_err build(struct ls_capture *c, struct ls_diag *diag)
         return ls_fail(diag, LS_ERR_NOMEM, "out of memory");
     pthread_mutex_init(&c->rate->lock, NULL);
     ls_capture_describe(c);
-    count_planned(c);
     enum ls_err err = ls_capture_make_rings(c, diag);
     if (!err)
-        err = count_attempts(c, diag);
+        err = go_on(c, diag);
     if (err)
         return err;
+    count_planned(c);
     const struct ls_merge_stage_config merge = {.setup = &c->setup,
                                                 .rings = c->rings,
                                                 .first_attempt = c->first_attempt,
+                                                .kept = c->kept,
                                                 .utc_s = time(NULL)};
     err = ls_merge_stage_create(&merge, &c->merge, diag);
     if (!err)
@@ -241,5 +256,6 @@ void ls_capture_destroy(struct ls_capture *capture)
     free(capture->rate);
     free(capture->wanted);
     free(capture->first_attempt);
+    free(capture->kept);
     free(capture);
 }

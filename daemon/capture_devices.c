@@ -71,7 +71,7 @@ static void describe_camera(struct ls_capture *c, uint32_t i)
                                                        .by_time = by_time,
                                                        .software = software};
     c->held |= software;
-    c->stepwise |= !by_time || (timed && c->setup.plan->n_exposures > 1);
+    c->stepwise |= !by_time;
 }
 
 /* From the end of a step to the event of the next: the controller reports a pulse at its end. */

@@ -10,6 +10,7 @@
 #include "core/exposure_offset.h"
 #include "daemon/camera_thread.h"
 #include "daemon/capture.h"
+#include "daemon/kept.h"
 #include "daemon/merge_stage.h"
 #include "daemon/passes.h"
 #include "daemon/sequencer.h"
@@ -43,8 +44,9 @@ struct ls_capture {
     struct ls_flashing flashing;                       /* what a live subject has seen */
     struct ls_warm_up warm_up;
     struct ls_pass pass;
-    uint8_t *wanted;         /* per plan step */
-    uint32_t *first_attempt; /* per shot, of a resumed take */
+    uint8_t *wanted;           /* per plan step */
+    uint32_t *first_attempt;   /* per shot, of a resumed take */
+    struct ls_kept_shot *kept; /* the same, where brackets wait on disk */
     uint32_t steps_planned, conditions_planned;
     struct ls_camera_stats stats[LS_MAX_CAMERAS]; /* of stopped cameras */
     _Atomic uint32_t lost;

@@ -52,6 +52,7 @@ struct ls_engine_status {
 
 /** Preflight of a plan: what it will cost. */
 struct ls_preflight {
+    const char *bracket; /* how exposures are made: daemon/bracket.h */
     uint32_t conditions, steps, shots;
     double seconds;
     uint64_t bytes, disk_free_bytes;

@@ -1,5 +1,7 @@
 #include "daemon/flashing.h"
 
+#include "daemon/bracket.h"
+
 #include <stdio.h>
 #include <string.h>
 #include <strings.h>
@@ -118,11 +120,30 @@ static enum ls_err refuse(const struct ls_plan *plan, const struct ls_config *co
                    1e6 / plan->period_us, LS_FLASHES_PER_SECOND);
 }
 
-/* When step @i starts, if @i - 1 started at @us: drivers/lights.h. */
-static uint64_t next_start(const struct ls_plan *plan, uint32_t i, uint64_t us)
+/* From the start of a step to that of the next: drivers/lights.h. */
+static uint64_t gap_us(const struct ls_plan *plan, uint32_t step)
 {
-    uint64_t gap = (uint64_t)plan->pulse_us[plan->steps[i - 1].exposure] + plan->settle_us;
-    return us + (gap > plan->period_us ? gap : plan->period_us);
+    uint64_t gap = (uint64_t)plan->pulse_us[plan->steps[step].exposure] + plan->settle_us;
+    return gap > plan->period_us ? gap : plan->period_us;
+}
+
+/* Does it flash from @us on? How long the dark before the next round lasts nobody knows: it is
+ * taken to be the shortest that is seen. */
+static bool round_flashes(struct ls_flashing *f, const struct ls_plan *plan, uint32_t round,
+                          uint64_t *us, struct ls_flash_found *found)
+{
+    for (uint32_t i = 0; i < plan->n_steps; i++) {
+        const struct ls_plan_step *step = &plan->steps[i];
+        if (!ls_bracket_in_round(plan, round, i))
+            continue;
+        if (ls_flashing_pulse(f, *us, plan->pulse_us[step->exposure],
+                              &plan->conditions[step->condition].lights, found))
+            return true;
+        *us += gap_us(plan, i);
+    }
+    if (plan->bracket == LS_BRACKET_OUTERMOST)
+        *us += LS_FLASH_FUSED_US;
+    return false;
 }
 
 enum ls_err ls_flashing_check(const struct ls_plan *plan, const struct ls_config *config,
@@ -137,17 +158,12 @@ enum ls_err ls_flashing_check(const struct ls_plan *plan, const struct ls_config
     if (stepwise && (uint64_t)plan->period_us * LS_FLASHES_PER_SECOND < SECOND_US)
         return ls_fail(diag, LS_ERR_REFUSED,
                        "a live subject would see pulses at no fixed pace: a camera without line "
-                       "trigger or timestamps, or with a bracket of timed exposures, is driven one "
-                       "step at a time, which can be 3 to 30 Hz; use period_us = %u, or set "
-                       "allow_flashing = true",
+                       "trigger or timestamps is driven one step at a time, which can be 3 to 30 "
+                       "Hz; use period_us = %u, or set allow_flashing = true",
                        SECOND_US / LS_FLASHES_PER_SECOND + 1);
     ls_flashing_init(&f, plan, config, lights);
-    for (uint32_t i = 0; i < plan->n_steps; i++) {
-        const struct ls_plan_step *step = &plan->steps[i];
-        us = i ? next_start(plan, i, us) : us;
-        if (ls_flashing_pulse(&f, us, plan->pulse_us[step->exposure],
-                              &plan->conditions[step->condition].lights, &found))
+    for (uint32_t round = 0; round < ls_bracket_rounds(plan); round++)
+        if (round_flashes(&f, plan, round, &us, &found))
             return refuse(plan, config, &found, diag);
-    }
     return LS_OK;
 }

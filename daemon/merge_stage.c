@@ -1,6 +1,8 @@
 #include "daemon/merge_stage.h"
 
+#include "daemon/bracket.h"
 #include "daemon/merge_work.h"
+#include "daemon/passes.h"
 
 #include <errno.h>
 #include <stdio.h>
@@ -30,7 +32,8 @@ static void give_up(struct ls_merge_stage *stage, struct ls_merge_camera *camera
 static bool usable(const struct ls_merge_stage *stage, const struct ls_merge_camera *camera)
 {
     const struct ls_bound_frame *bound = &camera->held;
-    return bound->step < stage->n_program && bound->frame.payload_bytes == camera->payload_bytes &&
+    return bound->step < stage->n_program && stage->plan_steps[bound->step] != LS_PASS_NO_STEP &&
+           bound->frame.payload_bytes == camera->payload_bytes &&
            camera->shots[stage->plan_steps[bound->step]] == LS_SHOT_OPEN &&
            !atomic_load(&stage->failure);
 }
@@ -68,6 +71,19 @@ static bool claim_accumulator(struct ls_merge_stage *stage, struct ls_merge_came
     return true;
 }
 
+/* Is it kept on disk, as others of its bracket are still missing? Frames of one bracket are never
+ * under way together, so that one of them finds all others in. */
+static bool waits_on_disk(const struct ls_merge_stage *stage, const struct ls_merge_camera *camera,
+                          const struct ls_plan_condition *c, uint32_t plan_step)
+{
+    if (!ls_bracket_keeps(stage->config.setup->plan, c))
+        return false;
+    for (uint32_t i = c->first_step; i < c->first_step + c->n_steps; i++)
+        if (i != plan_step && camera->shots[i] != LS_SHOT_IN)
+            return true;
+    return false;
+}
+
 /* False: the frame has to wait for an accumulator, or for the watch before it. */
 static bool place(struct ls_merge_stage *stage, uint32_t index, struct ls_merge_job *job)
 {
@@ -78,10 +94,13 @@ static bool place(struct ls_merge_stage *stage, uint32_t index, struct ls_merge_
     job->plan_step = stage->plan_steps[camera->held.step];
     uint32_t condition = stage->config.setup->plan->steps[job->plan_step].condition;
     const struct ls_plan_condition *c = &stage->config.setup->plan->conditions[condition];
-    job->kind = c->watch ? LS_JOB_WATCH : c->dark ? LS_JOB_DARK : LS_JOB_COPY;
+    job->kind = c->watch                                          ? LS_JOB_WATCH
+                : c->dark                                         ? LS_JOB_DARK
+                : waits_on_disk(stage, camera, c, job->plan_step) ? LS_JOB_KEEP
+                                                                  : LS_JOB_COPY;
     if (c->watch && !claim_watch(stage, camera, condition))
         return false;
-    if (!c->dark && !claim_accumulator(stage, camera, condition, job))
+    if (job->kind == LS_JOB_COPY && !claim_accumulator(stage, camera, condition, job))
         return false;
     camera->shots[job->plan_step] = LS_SHOT_CLAIMED;
     return true;
@@ -240,6 +259,26 @@ static void adopt_done(struct ls_merge_stage *stage, struct ls_merge_camera *cam
     }
 }
 
+/* Shots of earlier runs that wait on disk. */
+static enum ls_err adopt_kept(struct ls_merge_stage *stage, uint32_t index)
+{
+    const struct ls_plan *plan = stage->config.setup->plan;
+    struct ls_merge_camera *camera = &stage->cameras[index];
+    if (plan->bracket != LS_BRACKET_OUTERMOST)
+        return LS_OK;
+    camera->kept = calloc(plan->n_steps + 1, sizeof *camera->kept);
+    if (!camera->kept)
+        return LS_ERR_NOMEM;
+    for (uint32_t i = 0; stage->config.kept && i < plan->n_steps; i++) {
+        camera->kept[i] = stage->config.kept[i * stage->n_cameras + index];
+        if (!camera->kept[i].there)
+            continue;
+        camera->shots[i] = LS_SHOT_IN;
+        stage->cameras_in[i]++;
+    }
+    return LS_OK;
+}
+
 static uint32_t pool_size(const struct ls_merge_stage *stage, size_t bytes_each)
 {
     uint64_t memory = stage->config.memory_bytes ? stage->config.memory_bytes : 1u << 30;
@@ -272,7 +311,8 @@ static enum ls_err init_camera(struct ls_merge_stage *stage, uint32_t index, str
         ls_queue_init(&camera->inlet, sizeof(struct ls_bound_frame),
                       ls_ring_slots(stage->config.rings[index]).n) ||
         ls_accumulators_init(&camera->pool, pool_size(stage, each), n_exposures,
-                             camera->payload_bytes, n_px))
+                             camera->payload_bytes, n_px) ||
+        adopt_kept(stage, index))
         return ls_fail(diag, LS_ERR_NOMEM, "out of memory: %zu bytes per condition of camera %s",
                        each, setup->config->cameras[index].name);
     adopt_done(stage, camera);
@@ -329,6 +369,7 @@ void ls_merge_stage_destroy(struct ls_merge_stage *stage)
         ls_accumulators_finish(&camera->pool);
         ls_dark_stage_finish(&camera->darks);
         free(camera->shots);
+        free(camera->kept);
         free(camera->published);
         free(camera->darks_in);
     }
@@ -362,7 +403,8 @@ void ls_merge_stage_arm(struct ls_merge_stage *stage, const uint32_t *plan_steps
     stage->plan_steps = plan_steps;
     stage->n_program = n;
     for (uint32_t i = 0; i < n; i++)
-        stage->attempts[plan_steps[i]]++;
+        if (plan_steps[i] != LS_PASS_NO_STEP)
+            stage->attempts[plan_steps[i]]++;
     pthread_mutex_unlock(&stage->lock);
 }
 

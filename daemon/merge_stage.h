@@ -15,6 +15,10 @@
  * until another condition needs it: then it is given up whole and must be shot again whole; so is a
  * watch with a shot missing when the next one begins. When
  * every accumulator is being merged, frames wait in the ring, and credit slows the lights.
+ *
+ * Where the frames of a bracket are whole rounds apart (daemon/bracket.h), only the last of them
+ * gets an accumulator: the others are kept as raw frames in the take's folder, nothing of them
+ * stays in memory, and they are read again when the last is in.
  */
 #ifndef LS_DAEMON_MERGE_STAGE_H
 #define LS_DAEMON_MERGE_STAGE_H
@@ -31,10 +35,13 @@
 #include <stdbool.h>
 #include <stdint.h>
 
+struct ls_kept_shot;
+
 struct ls_merge_stage_config {
     const struct ls_capture_setup *setup;
-    struct ls_ring *const *rings;  /* per camera */
-    const uint32_t *first_attempt; /* per shot: attempts made before this run; NULL = 0 */
+    struct ls_ring *const *rings;    /* per camera */
+    const uint32_t *first_attempt;   /* per shot: attempts made before this run; NULL = 0 */
+    const struct ls_kept_shot *kept; /* per shot: on disk since an earlier run; NULL = none */
     int64_t utc_s;
     uint64_t memory_bytes; /* for accumulators of all cameras; 0 = 1 GiB. At least 2 per camera */
 };

@@ -2,6 +2,7 @@
 
 #include "core/crc32c.h"
 #include "daemon/attributes.h"
+#include "daemon/bracket.h"
 #include "daemon/preview.h"
 #include "daemon/realtime.h"
 #include "daemon/store.h"
@@ -86,15 +87,15 @@ static struct ls_ticket ticket_of(const struct ls_merge_stage *stage,
 
 /* Checksum, ticket and, if asked for, the bytes themselves. */
 static enum ls_err record(struct ls_merge_stage *stage, const struct ls_merge_job *job,
-                          const void *raw, struct ls_diag *diag)
+                          const void *raw, struct ls_ticket *ticket, struct ls_diag *diag)
 {
     struct ls_store *store = stage->config.setup->store;
     size_t n = job->bound.frame.payload_bytes;
-    const struct ls_ticket ticket = ticket_of(stage, job, ls_crc32c(0, raw, n));
+    *ticket = ticket_of(stage, job, ls_crc32c(0, raw, n));
     enum ls_err err = LS_OK;
     if (stage->config.setup->plan->keep_raw)
-        err = ls_store_raw(store, job->camera, ticket.shot, ticket.attempt, raw, n, diag);
-    return err ? err : ls_store_ticket(store, &ticket, diag);
+        err = ls_store_raw(store, job->camera, ticket->shot, ticket->attempt, raw, n, diag);
+    return err ? err : ls_store_ticket(store, ticket, diag);
 }
 
 /* Under the lock. */
@@ -249,10 +250,11 @@ static enum ls_err take_dark(struct ls_merge_stage *stage, const struct ls_merge
     const struct ls_plan_condition *c = condition_of(stage, job->plan_step);
     uint32_t condition = stage->config.setup->plan->steps[job->plan_step].condition;
     bool watch = job->kind == LS_JOB_WATCH;
+    struct ls_ticket ticket;
     enum ls_err err = watch ? ls_dark_stage_watch(&camera->darks, raw, diag)
                             : ls_dark_stage_add(&camera->darks, c->exposure, raw, diag);
     if (!err)
-        err = record(stage, job, raw, diag);
+        err = record(stage, job, raw, &ticket, diag);
     give_back(stage, job);
     if (err)
         return err;
@@ -320,6 +322,52 @@ static enum ls_err start_merge(struct ls_merge_stage *stage, struct ls_accumulat
     return LS_OK;
 }
 
+static void offer(const struct ls_merge_stage *stage, const struct ls_merge_job *job,
+                  const void *raw)
+{
+    const struct ls_merge_camera *camera = &stage->cameras[job->camera];
+    ls_preview_offer(stage->config.setup->preview, job->camera, camera->format, camera->width,
+                     camera->height, raw, job->bound.frame.frame_id, job->bound.exposure_us);
+}
+
+/* The rest of its bracket comes in later rounds. */
+static enum ls_err keep(struct ls_merge_stage *stage, const struct ls_merge_job *job,
+                        struct ls_diag *diag)
+{
+    const void *raw = ls_ring_payload(stage->config.rings[job->camera], job->bound.frame.slot);
+    struct ls_ticket ticket;
+    enum ls_err err = record(stage, job, raw, &ticket, diag);
+    offer(stage, job, raw);
+    give_back(stage, job);
+    if (err)
+        return err;
+    pthread_mutex_lock(&stage->lock);
+    stage->cameras[job->camera].kept[job->plan_step] =
+        (struct ls_kept_shot){true, ticket.attempt, ticket.raw_crc32c, ticket.exposure_used_us};
+    count_in(stage, job);
+    pthread_mutex_unlock(&stage->lock);
+    return LS_OK;
+}
+
+/* What waited on disk for this frame. */
+static enum ls_err read_kept(struct ls_merge_stage *stage, const struct ls_merge_job *job,
+                             const struct ls_plan_condition *c, struct ls_diag *diag)
+{
+    const struct ls_merge_camera *camera = &stage->cameras[job->camera];
+    struct ls_accumulator *a = job->accumulator;
+    enum ls_err err = LS_OK;
+    for (uint32_t i = 0; i < c->n_steps && !err; i++) {
+        uint32_t step = c->first_step + i;
+        if (step == job->plan_step)
+            continue;
+        err = ls_kept_read(ls_store_folder(stage->config.setup->store), job->camera,
+                           step * stage->n_cameras + job->camera, &camera->kept[step], a->raw[i],
+                           camera->payload_bytes, diag);
+        a->exposure_s[i] = camera->kept[step].exposure_us * 1e-6;
+    }
+    return err;
+}
+
 static enum ls_err copy_in(struct ls_merge_stage *stage, const struct ls_merge_job *job,
                            struct ls_diag *diag)
 {
@@ -330,15 +378,19 @@ static enum ls_err copy_in(struct ls_merge_stage *stage, const struct ls_merge_j
            job->bound.frame.payload_bytes);
     give_back(stage, job);
     a->exposure_s[i] = job->bound.exposure_us * 1e-6;
-    enum ls_err err = record(stage, job, a->raw[i], diag);
+    struct ls_ticket ticket;
+    bool kept = ls_bracket_keeps(stage->config.setup->plan, c);
+    enum ls_err err = record(stage, job, a->raw[i], &ticket, diag);
+    if (!err && kept)
+        err = read_kept(stage, job, c, diag);
     if (err)
         return err;
-    const struct ls_merge_camera *camera = &stage->cameras[job->camera];
-    ls_preview_offer(stage->config.setup->preview, job->camera, camera->format, camera->width,
-                     camera->height, a->raw[i], job->bound.frame.frame_id, job->bound.exposure_us);
+    offer(stage, job, a->raw[i]);
     pthread_mutex_lock(&stage->lock);
     count_in(stage, job);
     a->copying--;
+    if (kept)
+        a->filled = c->n_steps - 1;
     if (job->bound.pulse_ns >= a->pulse_ns) {
         a->pulse_ns = job->bound.pulse_ns;
         a->arrived_ns = job->bound.frame.host_ns;
@@ -415,6 +467,9 @@ void ls_merge_do(struct ls_merge_stage *stage, const struct ls_merge_job *job)
     case LS_JOB_DARK:
     case LS_JOB_WATCH:
         err = take_dark(stage, job, &diag);
+        break;
+    case LS_JOB_KEEP:
+        err = keep(stage, job, &diag);
         break;
     case LS_JOB_COPY:
         err = copy_in(stage, job, &diag);

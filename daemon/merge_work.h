@@ -8,6 +8,7 @@
 
 #include "daemon/accumulator.h"
 #include "daemon/dark_stage.h"
+#include "daemon/kept.h"
 #include "daemon/merge_stage.h"
 
 #include <pthread.h>
@@ -28,9 +29,10 @@ struct ls_merge_camera {
         bool under_way;
         uint32_t condition, adding; /* frames being folded in, the closing of the sum included */
     } watch;
-    uint8_t *shots;     /* enum ls_shot_state per plan step */
-    uint8_t *published; /* per condition */
-    uint32_t *darks_in; /* per condition: frames folded in */
+    uint8_t *shots;            /* enum ls_shot_state per plan step */
+    struct ls_kept_shot *kept; /* per plan step, where brackets wait on disk; else NULL */
+    uint8_t *published;        /* per condition */
+    uint32_t *darks_in;        /* per condition: frames folded in */
 };
 
 struct ls_merge_stage {
@@ -58,7 +60,15 @@ struct ls_merge_stage {
 
 /** What to do next; made by the scheduler with everything claimed that the job needs. */
 struct ls_merge_job {
-    enum { LS_JOB_NONE, LS_JOB_DISCARD, LS_JOB_DARK, LS_JOB_WATCH, LS_JOB_COPY, LS_JOB_BAND } kind;
+    enum {
+        LS_JOB_NONE,
+        LS_JOB_DISCARD,
+        LS_JOB_DARK,
+        LS_JOB_WATCH,
+        LS_JOB_KEEP, /* on disk, until its bracket is complete */
+        LS_JOB_COPY,
+        LS_JOB_BAND
+    } kind;
     uint32_t camera, plan_step;
     struct ls_bound_frame bound;        /* not of a band */
     struct ls_accumulator *accumulator; /* COPY, BAND */

@@ -33,6 +33,7 @@ struct ls_camera_metrics {
     _Atomic uint64_t frames_discarded[LS_BIND_REASONS], steps_unbound[LS_BIND_REASONS];
     _Atomic uint64_t shots_lost;     /* fired in a take without a usable frame, each time */
     _Atomic uint64_t shots_repaired; /* of those, shot again until they were had */
+    _Atomic uint64_t settling_pulses; /* fired after its exposure was written, frames discarded */
     _Atomic uint64_t packets_resent, underruns; /* of takes that have ended */
 };
 

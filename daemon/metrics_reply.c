@@ -53,6 +53,7 @@ static void fill_camera(struct ls_camera_metrics_reply *reply, const char *name,
     out->n_steps_unbound = fill_reasons(reply->steps, reply->step_pointers, metrics->steps_unbound);
     out->shots_lost = atomic_load(&metrics->shots_lost);
     out->shots_repaired = atomic_load(&metrics->shots_repaired);
+    out->settling_pulses = atomic_load(&metrics->settling_pulses);
     out->packets_resent = atomic_load(&metrics->packets_resent);
     out->underruns = atomic_load(&metrics->underruns);
 }

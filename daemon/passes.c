@@ -3,6 +3,8 @@
 #include <stdlib.h>
 #include <string.h>
 
+enum { LONGEST_SETTLE_US = 1000000 }; /* of plans; a camera is ready again long before */
+
 enum ls_err ls_pass_init(struct ls_pass *pass, const struct ls_plan *plan, uint32_t max_steps)
 {
     *pass = (struct ls_pass){.capacity = plan->n_steps < max_steps ? plan->n_steps : max_steps,
@@ -34,6 +36,18 @@ static bool has_room(const struct ls_pass *pass, const struct ls_lights_info *in
     return p->n_steps < pass->capacity && (known || p->n_conditions < info->max_conditions);
 }
 
+static void add_step(struct ls_pass *pass, const struct ls_plan *plan, uint32_t condition,
+                     uint32_t exposure, bool held)
+{
+    uint32_t first_us = plan->period_us < LONGEST_SETTLE_US ? plan->period_us : LONGEST_SETTLE_US;
+    bool longer = pass->program.n_steps == 0 && first_us > plan->settle_us;
+    pass->steps[pass->program.n_steps++] =
+        (struct ls_step){.condition = condition,
+                         .pulse_us = plan->pulse_us[exposure],
+                         .settle_us = longer ? first_us : plan->settle_us,
+                         .flags = held ? LS_STEP_HOLD : 0};
+}
+
 static void add(struct ls_pass *pass, const struct ls_plan *plan, uint32_t plan_step, bool held)
 {
     const struct ls_plan_step *step = &plan->steps[plan_step];
@@ -44,19 +58,21 @@ static void add(struct ls_pass *pass, const struct ls_plan *plan, uint32_t plan_
         *at = ++p->n_conditions;
     }
     pass->plan_steps[p->n_steps] = plan_step;
-    pass->steps[p->n_steps++] = (struct ls_step){.condition = *at - 1,
-                                                 .pulse_us = plan->pulse_us[step->exposure],
-                                                 .settle_us = plan->settle_us,
-                                                 .flags = held ? LS_STEP_HOLD : 0};
+    add_step(pass, plan, *at - 1, step->exposure, held);
+}
+
+static void begin(struct ls_pass *pass, const struct ls_plan *plan)
+{
+    memset(pass->condition_at, 0, pass->n_plan_conditions * sizeof *pass->condition_at);
+    pass->program = (struct ls_program){
+        .conditions = pass->conditions, .steps = pass->steps, .period_us = plan->period_us};
 }
 
 uint32_t ls_pass_fill(struct ls_pass *pass, const struct ls_plan *plan,
                       const struct ls_lights_info *info, const uint8_t *wanted, uint32_t first,
                       bool held)
 {
-    memset(pass->condition_at, 0, pass->n_plan_conditions * sizeof *pass->condition_at);
-    pass->program = (struct ls_program){
-        .conditions = pass->conditions, .steps = pass->steps, .period_us = plan->period_us};
+    begin(pass, plan);
     for (uint32_t i = first; i < plan->n_steps; i++) {
         if (!wanted[i])
             continue;
@@ -65,4 +81,14 @@ uint32_t ls_pass_fill(struct ls_pass *pass, const struct ls_plan *plan,
         add(pass, plan, i, held);
     }
     return plan->n_steps;
+}
+
+void ls_pass_fill_settling(struct ls_pass *pass, const struct ls_plan *plan, uint32_t exposure,
+                           bool held)
+{
+    begin(pass, plan);
+    pass->conditions[pass->program.n_conditions++] =
+        (struct ls_condition){.kind = LS_CONDITION_DARK};
+    pass->plan_steps[0] = LS_PASS_NO_STEP;
+    add_step(pass, plan, 0, exposure, held);
 }

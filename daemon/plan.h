@@ -5,7 +5,8 @@
  *
  * A *step* is one trigger pulse: one condition at one exposure, photographed by every camera. A
  * *shot* is one camera's picture of a step: shot id = step * n_cameras + camera. Darks come first,
- * because merging is online; then conditions in order, each with its whole bracket. After every
+ * because merging is online; then conditions in order, each with its whole bracket. They are fired
+ * in this order, or exposure by exposure where the cameras need that (daemon/bracket.h). After every
  * LS_WATCH_EVERY of these stands a *watch*: a few darks of the longest exposure, stored and
  * compared with the dark of the beginning, which they do not replace. Of more than
  * LS_REFERENCE_SHOTS steps of them there are *references* too: a full sphere of white before the
@@ -31,6 +32,9 @@
 enum { LS_MAX_EXPOSURES = 8, LS_WATCH_EVERY = 50, LS_REFERENCE_SHOTS = 100 };
 
 enum ls_subject { LS_SUBJECT_STILL, LS_SUBJECT_LIVE };
+
+/** How exposures are made: daemon/bracket.h. */
+enum ls_bracket { LS_BRACKET_WIDTH, LS_BRACKET_OUTERMOST };
 
 /**
  * A condition of the plan: what the LEDs do, and what it is called on disk.
@@ -76,6 +80,7 @@ struct ls_plan {
     char name[65];
     enum ls_subject subject;
     bool allow_flashing, keep_raw;
+    enum ls_bracket bracket; /* settled by what the cameras can do: ls_bracket_choose */
     bool sweep;         /* only what the checks look at: daemon/plan_sweep.h */
     uint32_t period_us; /* pulse start to pulse start, at least */
     uint32_t settle_us;

@@ -3,6 +3,7 @@
 #include "core/exr.h"
 #include "core/merge.h"
 #include "core/multiplex.h"
+#include "daemon/bracket.h"
 #include "daemon/exposure_fit.h"
 #include "daemon/flashing.h"
 #include "daemon/plan_load.h"
@@ -68,6 +69,19 @@ static enum ls_err check_dome(const struct ls_preflight_input *in, struct ls_dia
     return ls_lights_test_work(in->lights, in->config->work_channel, in->config->work_level, diag);
 }
 
+/* In the order they are fired. */
+static uint32_t fill_steps(const struct ls_plan *p, struct ls_step *steps)
+{
+    uint32_t n = 0;
+    for (uint32_t round = 0; round < ls_bracket_rounds(p); round++)
+        for (uint32_t i = 0; i < p->n_steps; i++)
+            if (ls_bracket_in_round(p, round, i))
+                steps[n++] = (struct ls_step){.condition = p->steps[i].condition,
+                                              .pulse_us = p->pulse_us[p->steps[i].exposure],
+                                              .settle_us = p->settle_us};
+    return n;
+}
+
 static enum ls_err check_program(const struct ls_preflight_input *in, struct ls_diag *diag)
 {
     const struct ls_plan *p = in->plan;
@@ -77,11 +91,7 @@ static enum ls_err check_program(const struct ls_preflight_input *in, struct ls_
     if (conditions && steps) {
         for (uint32_t i = 0; i < p->n_conditions; i++)
             conditions[i] = p->conditions[i].lights;
-        for (uint32_t i = 0; i < p->n_steps; i++)
-            steps[i] = (struct ls_step){.condition = p->steps[i].condition,
-                                        .pulse_us = p->pulse_us[p->steps[i].exposure],
-                                        .settle_us = p->settle_us};
-        const struct ls_program program = {conditions, p->n_conditions, steps, p->n_steps,
+        const struct ls_program program = {conditions, p->n_conditions, steps, fill_steps(p, steps),
                                            p->period_us};
         err = ls_lights_test(in->lights, &program, diag);
     }
@@ -149,8 +159,7 @@ static bool is_stepwise(const struct ls_preflight_input *in)
 {
     for (uint32_t k = 0; k < in->config->n_cameras; k++) {
         const struct ls_camera_config *c = &in->config->cameras[k].driver;
-        if (!in->cameras[k]->tick_hz || c->trigger == LS_TRIGGER_SOFTWARE ||
-            (c->exposure == LS_EXPOSURE_TIMED && in->plan->n_exposures > 1))
+        if (!in->cameras[k]->tick_hz || c->trigger == LS_TRIGGER_SOFTWARE)
             return true;
     }
     return false;
@@ -210,7 +219,7 @@ static double seconds(const struct ls_plan *p)
         double step = (double)p->pulse_us[p->steps[i].exposure] + p->settle_us;
         us += step > p->period_us ? step : p->period_us;
     }
-    return us * 1e-6;
+    return (us + (double)ls_bracket_settling(p) * p->period_us) * 1e-6;
 }
 
 /* After check_rig and check_program: addresses exist. */
@@ -316,6 +325,14 @@ static void warn_of_multiplexing(const struct ls_preflight_input *in, struct ls_
     }
 }
 
+static void warn_of_bracket(const struct ls_preflight_input *in, struct ls_preflight *out)
+{
+    if (in->plan->bracket == LS_BRACKET_OUTERMOST && in->plan->subject == LS_SUBJECT_LIVE &&
+        in->plan->n_exposures > 1)
+        warn(out, "the exposures of a condition are a whole round apart, in which a live subject "
+                  "moves: one exposure is safer");
+}
+
 static void warn_of_cameras(const struct ls_preflight_input *in, struct ls_preflight *out)
 {
     for (uint32_t k = 0; k < in->config->n_cameras; k++) {
@@ -332,7 +349,8 @@ static void warn_of_cameras(const struct ls_preflight_input *in, struct ls_prefl
 enum ls_err ls_preflight_check(const struct ls_preflight_input *in, struct ls_preflight *out,
                                struct ls_diag *diag)
 {
-    *out = (struct ls_preflight){.conditions = in->plan->n_conditions,
+    *out = (struct ls_preflight){.bracket = ls_bracket_name(in->plan->bracket),
+                                 .conditions = in->plan->n_conditions,
                                  .steps = in->plan->n_steps,
                                  .shots = in->plan->n_steps * in->config->n_cameras,
                                  .seconds = seconds(in->plan),
@@ -360,6 +378,7 @@ enum ls_err ls_preflight_check(const struct ls_preflight_input *in, struct ls_pr
     warn_of_darks(in, out);
     warn_of_calibration(in, out);
     warn_of_multiplexing(in, out);
+    warn_of_bracket(in, out);
     warn_of_cameras(in, out);
     if (out->bytes + in->config->reserve_bytes > in->disk_free_bytes)
         return ls_fail(diag, LS_ERR_FULL,

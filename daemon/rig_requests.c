@@ -221,6 +221,7 @@ static void on_preflight(struct ls_request *request)
     body.energy_j = found->energy_j;
     body.peak_current_a = found->peak_current_a;
     body.led_duty = found->led_duty;
+    body.bracket = (char *)found->bracket;
     if (went_well(asked, about_plan(request->err)))
         reply(asked, &body.base);
     g_free(asked);

@@ -29,12 +29,10 @@ struct run {
     uint64_t safe_us;       /* controller time of the poll before: its events have all been read */
     uint64_t progress_ns;   /* host time of the last event or grant that ended a drought */
     uint64_t first_us;
-    uint64_t hot_since_ns, hot_ns;      /* host time of a pause's begin, 0 none; when last hot */
-    uint64_t compared_ns;               /* host time of the clock's newest pair */
-    double timed_us[LS_MAX_CAMERAS][2]; /* exposure register, of even and odd steps: a held step's
-                                           event comes when the next one's is already written */
-    struct ls_flash_found flash;        /* hz > 0: a live subject saw it */
-    enum ls_err err, dark_err;          /* of the program; of the blank after it */
+    uint64_t hot_since_ns, hot_ns; /* host time of a pause's begin, 0 none; when last hot */
+    uint64_t compared_ns;          /* host time of the clock's newest pair */
+    struct ls_flash_found flash;   /* hz > 0: a live subject saw it */
+    enum ls_err err, dark_err;     /* of the program; of the blank after it */
     struct ls_diag dark;
 };
 
@@ -91,7 +89,7 @@ static enum ls_err interrupted(const struct ls_sequencer *seq)
 static double exposure_of(const struct run *run, uint32_t camera, const struct ls_step_event *event)
 {
     const struct ls_sequencer_camera *c = &run->seq->cameras[camera];
-    return c->timed ? run->timed_us[camera][event->step & 1] : event->width_us + c->offset_us;
+    return c->timed ? c->exposure_us : event->width_us + c->offset_us;
 }
 
 /* A held step that ended although nobody here released it: at its limit, or by a mistake. */
@@ -295,25 +293,6 @@ static enum ls_err wait_until_cool(struct run *run)
     return err;
 }
 
-static enum ls_err set_exposures(struct run *run, uint32_t step)
-{
-    double pulse_us = run->program->steps[step].pulse_us;
-    for (uint32_t i = 0; i < run->seq->n_cameras; i++) {
-        struct ls_sequencer_camera *camera = &run->seq->cameras[i];
-        if (!camera->timed)
-            continue;
-        run->timed_us[i][step & 1] = camera->exposure_us;
-        if (camera->asked_us == pulse_us)
-            continue;
-        camera->exposure_us = camera->asked_us = pulse_us;
-        enum ls_err err = ls_camera_set_exposure(camera->camera, &camera->exposure_us, run->diag);
-        if (err)
-            return err;
-        run->timed_us[i][step & 1] = camera->exposure_us;
-    }
-    return LS_OK;
-}
-
 static enum ls_err wait_for_room(struct run *run, uint32_t step)
 {
     while (find_room(run).limit <= step) {
@@ -447,8 +426,6 @@ static enum ls_err do_step(struct run *run, uint32_t step)
         err = wait_for_room(run, step);
     if (!err)
         err = wait_until_cool(run);
-    if (!err)
-        err = set_exposures(run, step);
     if (!err && !held)
         err = tell_all(run, &opened);
     if (!err)
@@ -603,8 +580,6 @@ enum ls_err ls_sequencer_run(struct ls_sequencer *sequencer, const struct ls_pro
         uint32_t n = ls_ring_slots(sequencer->cameras[i].ring).n;
         slots = n < slots ? n : slots;
     }
-    for (uint32_t i = 0; i < sequencer->n_cameras; i++)
-        run.timed_us[i][0] = run.timed_us[i][1] = sequencer->cameras[i].exposure_us;
     ls_credit_init(&run.credit, program, slots, sequencer->live, sequencer->burst_ns);
     pthread_t thread;
     if (pthread_create(&thread, NULL, run_thread, &run))

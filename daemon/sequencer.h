@@ -8,9 +8,9 @@
  * writes text; sentences are written once it is over. Whatever ends it, LEDs are dark on return, or
  * the sentence says that they may be lit.
  *
- * Stepwise (a camera without line trigger or timestamps, or whose exposure must be written between
- * the steps of a bracket): one step is granted, the cameras without a line are triggered once it is
- * lit, and the next grant, which ends a held step, waits for every camera's frame or its patience.
+ * Stepwise (a camera without line trigger or timestamps): one step is granted, the cameras without
+ * a line are triggered once it is lit, and the next grant, which ends a held step, waits for every
+ * camera's frame or its patience.
  * A held step whose event comes before that went dark by itself: nothing is triggered in it any
  * more, its event is marked as clipped, and it is shot again. When a camera bound by order has lost
  * it, nothing is triggered for a whole patience.
@@ -43,7 +43,7 @@ struct ls_sequencer_camera {
     bool by_time;                 /* bound by time, else by order */
     bool software;                /* triggered by us once a step is lit */
     bool timed;                   /* exposure is a register, else the pulse's width */
-    double asked_us, exposure_us; /* timed: written to the register, and what it holds */
+    double asked_us, exposure_us; /* timed: written to the register before, and what it holds */
     uint64_t min_interval_us;     /* software: triggers closer than this are missed */
     uint64_t triggered_ns;        /* software: host time of the last one */
     double offset_us;             /* not timed: added by the sensor to the pulse */

@@ -4,6 +4,7 @@
 #include "core/half.h"
 #include "core/hot_pixels.h"
 #include "core/pixel.h"
+#include "daemon/bracket.h"
 #include "daemon/findings.h"
 #include "daemon/preflight.h"
 #include "daemon/rig.h"
@@ -232,8 +233,10 @@ static enum ls_err prepare(const struct ls_take_context *context, const char *pl
     enum ls_err err = ls_plan_parse(plan_text, context->config, &take->plan, diag);
     if (!err)
         err = ls_rig_open(context->config, stop, &take->rig, diag);
-    if (!err)
+    if (!err) {
         ls_plan_fit_current(take->plan, ls_lights_info(take->rig.lights));
+        ls_bracket_choose(take->plan, context->config);
+    }
     take->checks = err ? NULL : ls_checks_create(context->config, take->plan);
     if (!err && !take->checks)
         err = ls_fail(diag, LS_ERR_NOMEM, "out of memory");

@@ -1,5 +1,6 @@
 #include "daemon/take_json.h"
 
+#include "daemon/bracket.h"
 #include "daemon/engine.h"
 
 #include <jansson.h>
@@ -85,10 +86,11 @@ static json_t *plan_json(const struct ls_take_document *d)
         json_array_append_new(pulses, json_integer(d->plan->pulse_us[i]));
     for (uint32_t i = 0; i < d->plan->n_conditions; i++)
         json_array_append_new(conditions, condition_json(&d->plan->conditions[i], d->config));
-    return json_pack("{ss ss si so so so}", "text", d->plan_text, "subject",
-                     d->plan->subject == LS_SUBJECT_LIVE ? "live" : "still", "period_us",
-                     (int)d->plan->period_us, "pulse_us", pulses, "conditions", conditions,
-                     "uncalibrated", uncalibrated_json(d));
+    return json_pack("{ss ss ss si so so so}", "text", d->plan_text, "subject",
+                     d->plan->subject == LS_SUBJECT_LIVE ? "live" : "still", "bracket",
+                     ls_bracket_name(d->plan->bracket), "period_us", (int)d->plan->period_us,
+                     "pulse_us", pulses, "conditions", conditions, "uncalibrated",
+                     uncalibrated_json(d));
 }
 
 /* What was said of the lens. */
@@ -288,6 +290,21 @@ static enum ls_err compare_rigs(const json_t *old, const json_t *now, struct ls_
     return LS_OK;
 }
 
+/* Frames that wait on disk for the rest of their bracket were shot in its order. */
+static enum ls_err compare_brackets(const json_t *doc, const struct ls_plan *plan,
+                                    struct ls_diag *diag)
+{
+    const json_t *was = json_object_get(json_object_get(doc, "plan"), "bracket");
+    const char *now = ls_bracket_name(plan->bracket);
+    if (json_is_string(was) && !strcmp(json_string_value(was), now))
+        return LS_OK;
+    return ls_fail(diag, LS_ERR_MISMATCH,
+                   "brackets were made by %.20s when this take began and would be by %s now: the "
+                   "cameras or the rig file have changed; start a new take",
+                   json_is_string(was) ? json_string_value(was) : "another version of lightstaged",
+                   now);
+}
+
 /* The order of shots is this version's; a level that the plan leaves to the controller goes with
  * its current limit. */
 static enum ls_err compare_conditions(const json_t *doc, const struct ls_plan *plan,
@@ -324,6 +341,8 @@ enum ls_err ls_take_json_same_rig(const char *take_json, const struct ls_take_do
     json_t *now = text ? json_loads(text, 0, NULL) : NULL;
     enum ls_err err = now ? compare_rigs(json_object_get(doc, "rig"), now, diag)
                           : ls_fail(diag, LS_ERR_NOMEM, "out of memory");
+    if (!err)
+        err = compare_brackets(doc, document->plan, diag);
     if (!err)
         err = compare_conditions(doc, document->plan, diag);
     free(text);

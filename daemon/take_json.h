@@ -4,12 +4,12 @@
  *
  * Keys (the store adds its own: daemon/store.h):
  *   "software" "lightstaged 0.1.0", "conventions" 1,
- *   "plan" { "text" (as given), "subject", "period_us", "pulse_us" [], "conditions" [ { "id",
- *     "kind" dark|one|sphere|segment|list, "light" (rig row, one), "lights" [] (segment, list: rig
- *     rows), "levels" [] (list: of each of "lights"), "channel" "W", "level" (of weight 1:
- *     the nominal duty), "pattern", "part", "parts" (several lights: daemon/plan.h), "exposure"
- *     (dark), "watch" true (a dark between lights, not subtracted from anything),
- *     "reference" true (a sphere between lights, nothing is promoted by it), "repeats",
+ *   "plan" { "text" (as given), "subject", "bracket" width|outermost (bracket.h), "period_us",
+ * "pulse_us" [], "conditions" [ { "id", "kind" dark|one|sphere|segment|list, "light" (rig row,
+ * one), "lights" [] (segment, list: rig rows), "levels" [] (list: of each of "lights"), "channel"
+ * "W", "level" (of weight 1: the nominal duty), "pattern", "part", "parts" (several lights:
+ * daemon/plan.h), "exposure" (dark), "watch" true (a dark between lights, not subtracted from
+ * anything), "reference" true (a sphere between lights, nothing is promoted by it), "repeats",
  *     "first_step", "steps" } ],
  *   "uncalibrated" [] (ids of the conditions whose pattern and level the calibration has no factor
  *     for; all of several lights where there is no calibration) },

@@ -31,6 +31,15 @@ enum {
 
 #define REFERENCE_S 1e-3
 
+/** The pulse of a light in a take of timed exposures, which is shot exposure by exposure with a
+ * pulse to settle before each but the first; @repaired pulses of the exposures before were shot
+ * again. Faults are counted by it. */
+static inline int timed_pulse(int light, int exposure, int repaired)
+{
+    int settling = N_EXPOSURES - 1 + exposure + 1;
+    return FIRST_LIGHT + settling + exposure * N_LIGHTS + repaired + light;
+}
+
 struct stage {
     char *root, *folder;
     struct fake_options options;

@@ -154,12 +154,112 @@ static void test_findings(void)
     clear(s);
 }
 
+/* In the order they were fired no exposure comes after a longer one, darks and lights apart. */
+static void check_rounds(struct stage *s)
+{
+    struct ls_takedir *take;
+    uint64_t last_us[2][N_EXPOSURES] = {{0}}, first_us[2][N_EXPOSURES] = {{0}};
+    g_assert_cmpint(ls_takedir_open(s->folder, &take, NULL), ==, LS_OK);
+    for (size_t i = 0; i < take->n_tickets; i++) {
+        const struct ls_ticket *t = &take->tickets[i];
+        const struct ls_plan_condition *c = &s->plan.conditions[t->condition];
+        bool light = !c->dark || c->watch;
+        uint64_t *first = &first_us[light][t->exposure], *last = &last_us[light][t->exposure];
+        *first = *first && *first < t->controller_us ? *first : t->controller_us;
+        *last = *last > t->controller_us ? *last : t->controller_us;
+    }
+    for (int i = 1; i < 2 * N_EXPOSURES; i++)
+        g_assert_cmpuint((&first_us[0][0])[i], >, (&last_us[0][0])[i - 1]);
+    ls_takedir_close(take);
+}
+
 static void test_timed(void)
 {
     struct stage *s = new_stage();
     s->options.timed = true;
+    s->watches = true;
     g_assert_cmpint(shoot(s), ==, LS_OK);
     expect_complete(s);
+    check_rounds(s);
+    /* before every round but the first, one that did its work */
+    g_assert_cmpuint(s->metrics.cameras[0].settling_pulses, ==, 2 * N_EXPOSURES - 1);
+    g_assert_cmpuint(fake_rig_pulses(s->rig), ==, s->plan.n_steps + 2 * N_EXPOSURES - 1);
+    clear(s);
+}
+
+/* One shot of the first round and one of the last, whose frames do not come, of two cameras. */
+static void test_timed_lost(void)
+{
+    struct stage *s = new_stage();
+    s->options.timed = true;
+    s->options.n_cameras = 2;
+    s->options.faults[timed_pulse(3, 0, 0)] = FAKE_LOST;
+    s->options.faults[timed_pulse(N_LIGHTS - 1, 2, 1)] = FAKE_VANISHED;
+    g_assert_cmpint(shoot(s), ==, LS_OK);
+    expect_complete(s);
+    check_rounds(s); /* each was shot again within its round */
+    g_assert_cmpuint(s->report.final.shots_repaired, >=, 2);
+    clear(s);
+}
+
+/* The pulse after the register was written: dropped, and its frame lost. */
+static void test_timed_settling(void)
+{
+    struct stage *s = new_stage();
+    s->options.timed = true;
+    s->options.faults[N_DARKS] = FAKE_DROPPED;
+    s->options.faults[N_DARKS + 1] = FAKE_LOST;
+    g_assert_cmpint(shoot(s), ==, LS_OK);
+    expect_complete(s);
+    g_assert_cmpuint(s->metrics.cameras[0].settling_pulses, ==, 2 * N_EXPOSURES - 1 + 2);
+    g_assert_cmpuint(s->report.final.shots_lost, ==, 0);
+    clear(s);
+}
+
+static void expect_published(struct stage *s)
+{
+    struct ls_takedir *take;
+    struct ls_take_report report;
+    g_assert_cmpint(ls_takedir_open(s->folder, &take, NULL), ==, LS_OK);
+    g_assert_cmpint(ls_takedir_verify(take, &report, NULL), ==, LS_OK);
+    g_assert_cmpstr(report.text, ==, "");
+    for (uint32_t i = 0; i < s->plan.n_conditions; i++)
+        check_picture(s, take, i, 0);
+    ls_take_report_finish(&report);
+    ls_takedir_close(take);
+}
+
+static void test_timed_resumed(void)
+{
+    struct stage *s = new_stage();
+    s->options.timed = true;
+    s->options.interlock_at = (uint32_t)timed_pulse(N_LIGHTS / 2, 2, 0);
+    g_assert_cmpint(shoot(s), ==, LS_ERR_REFUSED);
+    s->options.interlock_at = 0;
+    resume(s);
+    expect_published(s);
+    clear(s);
+}
+
+/* A frame that waited on disk and is not what it was is shot again. */
+static void test_timed_damaged(void)
+{
+    struct stage *s = new_stage();
+    s->options.timed = true;
+    s->options.interlock_at = (uint32_t)timed_pulse(1, 1, 0);
+    g_assert_cmpint(shoot(s), ==, LS_ERR_REFUSED);
+    s->options.interlock_at = 0;
+    uint32_t shot = FIRST_LIGHT + 5 * N_EXPOSURES; /* light 5, first exposure */
+    char *path = g_strdup_printf("%s/cam0/raw/%u-0.raw", s->folder, shot);
+    g_assert_true(g_file_set_contents(path, "damaged", 7, NULL));
+    g_free(path);
+    resume(s);
+    struct ls_takedir *take;
+    g_assert_cmpint(ls_takedir_open(s->folder, &take, NULL), ==, LS_OK);
+    g_assert_cmpuint(ls_takedir_ticket(take, shot)->attempt, ==, 1);
+    g_assert_cmpuint(ls_takedir_ticket(take, shot + N_EXPOSURES)->attempt, ==, 0);
+    ls_takedir_close(take);
+    expect_published(s);
     clear(s);
 }
 
@@ -249,7 +349,14 @@ int main(int argc, char **argv)
     g_test_add_func("/capture/what-cannot-be-had-is-named", test_missing);
     g_test_add_func("/capture/a-corrupted-ticket-is-counted", test_corrupted_ticket);
     g_test_add_func("/capture/darks-and-clocks-are-found-as-they-are", test_findings);
-    g_test_add_func("/capture/timed-exposures-are-written-per-step", test_timed);
+    g_test_add_func("/capture/timed-exposures-are-shot-one-after-the-other", test_timed);
+    g_test_add_func("/capture/what-is-lost-of-a-timed-exposure-is-repaired-before-the-next",
+                    test_timed_lost);
+    g_test_add_func("/capture/a-timed-exposure-is-settled-before-it-is-used", test_timed_settling);
+    g_test_add_func("/capture/a-resumed-take-uses-exposures-that-waited-on-disk",
+                    test_timed_resumed);
+    g_test_add_func("/capture/a-damaged-exposure-that-waited-on-disk-is-shot-again",
+                    test_timed_damaged);
     g_test_add_func("/capture/a-starved-live-subject-is-shot-in-bursts", test_live);
     g_test_add_func("/capture/a-live-subject-that-sees-flashes-is-spared-the-rest", test_live_late);
     return g_test_run();

@@ -19,8 +19,8 @@ static void test_software_lost(void)
 {
     struct stage *s = new_stage();
     s->options.software = s->options.timed = s->options.no_time = true;
-    s->options.faults[FIRST_LIGHT + 7] = FAKE_VANISHED;
-    s->options.faults[N_STEPS - 1] = FAKE_LOST;
+    s->options.faults[timed_pulse(2, 1, 0)] = FAKE_VANISHED;
+    s->options.faults[timed_pulse(N_LIGHTS - 1, 2, 2)] = FAKE_LOST;
     g_assert_cmpint(shoot(s), ==, LS_OK);
     expect_complete(s);
     /* the step after a missing one is out of order and shot again, too */
@@ -33,9 +33,9 @@ static void test_software_dark(void)
 {
     struct stage *s = new_stage();
     s->options.software = s->options.timed = s->options.no_time = true;
-    s->options.faults[FIRST_LIGHT + 3 * 2] = FAKE_UNLIT;
-    s->options.faults[FIRST_LIGHT + 3 * 6 + 2] = FAKE_CUT;
-    s->options.faults[N_STEPS - 1] = FAKE_UNLIT;
+    s->options.faults[timed_pulse(2, 0, 0)] = FAKE_UNLIT;
+    s->options.faults[timed_pulse(6, 1, 1)] = FAKE_CUT;
+    s->options.faults[timed_pulse(N_LIGHTS - 1, 2, 2)] = FAKE_UNLIT;
     g_assert_cmpint(shoot(s), ==, LS_OK);
     expect_complete(s);
     /* each of the three, and nothing else */
@@ -50,8 +50,8 @@ static void test_software_slow(void)
 {
     struct stage *s = new_stage();
     s->options.software = s->options.timed = s->options.no_time = true;
-    s->options.faults[FIRST_LIGHT + 3 * 5 + 1] = FAKE_SLOWER;
-    s->options.faults[FIRST_LIGHT + 3 * 5 + 2] = FAKE_SLOWER;
+    s->options.faults[timed_pulse(5, 1, 0)] = FAKE_SLOWER;
+    s->options.faults[timed_pulse(6, 1, 0)] = FAKE_SLOWER;
     g_assert_cmpint(shoot(s), ==, LS_OK);
     expect_complete(s);
     g_assert_cmpuint(s->report.final.shots_lost, ==, 2);
@@ -64,7 +64,7 @@ static void test_mixed(void)
     struct stage *s = new_stage();
     s->options.n_cameras = 2;
     s->options.software = s->options.timed = s->options.no_time = s->options.mixed = true;
-    s->options.faults[FIRST_LIGHT + 7] = FAKE_SLOW;
+    s->options.faults[timed_pulse(2, 1, 0)] = FAKE_SLOW;
     g_assert_cmpint(shoot(s), ==, LS_OK);
     expect_complete(s);
     g_assert_cmpuint(s->report.final.shots_lost, ==, 0);
