@@ -12,6 +12,7 @@
 #include <errno.h>
 #include <getopt.h>
 #include <glib-unix.h>
+#include <limits.h>
 #include <signal.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -50,6 +51,16 @@ static int end(int status)
     return EXIT_FAILURE;
 }
 
+static int descriptor(const char *text)
+{
+    char *end;
+    long n = strtol(text, &end, 10);
+    if (*text && !*end && n >= 0 && n <= INT_MAX)
+        return (int)n;
+    fprintf(stderr, "lightstaged: --ready-fd %s: expected the number of a descriptor\n", text);
+    exit(EXIT_USAGE);
+}
+
 static struct options parse_options(int argc, char **argv)
 {
     enum { READY_FD = 256, VERSION, CHECK };
@@ -65,7 +76,7 @@ static struct options parse_options(int argc, char **argv)
             o.config = optarg;
             break;
         case READY_FD:
-            o.ready_fd = atoi(optarg);
+            o.ready_fd = descriptor(optarg);
             break;
         case CHECK:
             o.check = true;
@@ -110,16 +121,26 @@ static gboolean on_signal(gpointer user)
     return G_SOURCE_CONTINUE;
 }
 
+static enum ls_err prepare_storage(const char *path, struct ls_diag *diag)
+{
+    struct stat info;
+    if ((mkdir(path, 0777) && errno != EEXIST) || stat(path, &info))
+        return ls_fail(diag, LS_ERR_OS, "storage folder %s: %m", path);
+    if (!S_ISDIR(info.st_mode))
+        return ls_fail(diag, LS_ERR_INVALID, "storage folder %s: it is no folder", path);
+    if (access(path, R_OK | W_OK | X_OK))
+        return ls_fail(diag, LS_ERR_OS, "storage folder %s cannot be written: %m", path);
+    return LS_OK;
+}
+
 static enum ls_err prepare(struct daemon *d, const struct options *o, struct ls_diag *diag)
 {
     enum ls_err err = ls_config_load(o->config, &d->config, diag);
     if (!err)
         err = ls_listen_check(d->config->socket_path, diag);
-    if (err)
-        return err;
-    if (mkdir(d->config->storage, 0777) && errno != EEXIST)
-        return ls_fail(diag, LS_ERR_OS, "storage folder %s: %m", d->config->storage);
-    return ls_engine_create(d->config, on_take, d, &d->engine, diag);
+    if (!err)
+        err = prepare_storage(d->config->storage, diag);
+    return err ? err : ls_engine_create(d->config, on_take, d, &d->engine, diag);
 }
 
 static enum ls_err listen_for_clients(struct daemon *d, struct ls_diag *diag)

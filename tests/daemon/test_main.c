@@ -109,6 +109,26 @@ static void check_refuses_a_socket_path_no_address_can_hold(struct folder *f, gc
     expect(f, "--check --config daemon.conf", 0, "good");
 }
 
+static void a_storage_that_takes_no_takes_is_refused(struct folder *f, gconstpointer unused)
+{
+    char *takes = g_build_filename(f->path, "takes", NULL);
+    write_file(f, "takes", "");
+    expect(f, "--config daemon.conf", 1, "takes: it is no folder");
+    g_unlink(takes);
+    g_assert_cmpint(g_mkdir(takes, 0500), ==, 0);
+    if (access(takes, W_OK) == 0)
+        g_test_message("not tried: this user may write everywhere");
+    else
+        expect(f, "--config daemon.conf", 1, "takes cannot be written: Permission denied");
+    g_free(takes);
+}
+
+static void a_descriptor_that_is_no_number_is_refused(struct folder *f, gconstpointer unused)
+{
+    expect(f, "--config daemon.conf --ready-fd out", 2, "--ready-fd out: expected the number of");
+    expect(f, "--config daemon.conf --ready-fd ''", 2, "expected the number of");
+}
+
 static void an_answer_nobody_can_read_is_no_success(struct folder *f, gconstpointer unused)
 {
     expect(f, "--help >&-", 1, "standard output cannot be written");
@@ -131,6 +151,8 @@ int main(int argc, char **argv)
     ADD("a-damaged-calibration-is-named", a_damaged_calibration_is_named);
     ADD("check-refuses-a-socket-path-no-address-can-hold",
         check_refuses_a_socket_path_no_address_can_hold);
+    ADD("a-storage-that-takes-no-takes-is-refused", a_storage_that_takes_no_takes_is_refused);
+    ADD("a-descriptor-that-is-no-number-is-refused", a_descriptor_that_is_no_number_is_refused);
     ADD("an-answer-nobody-can-read-is-no-success", an_answer_nobody_can_read_is_no_success);
     return g_test_run();
 }
