@@ -223,6 +223,7 @@ static uint32_t least(uint32_t a, uint32_t b)
     return a < b ? a : b;
 }
 
+/* One step at a time is a window of its own; a held step has its verdict after the next's grant. */
 static struct room find_room(const struct run *run)
 {
     struct ls_credit_camera cameras[LS_MAX_CAMERAS];
@@ -230,11 +231,12 @@ static struct room find_room(const struct run *run)
     for (uint32_t i = 0; i < run->seq->n_cameras; i++) {
         struct ls_camera_counts counts;
         ls_camera_thread_counts(run->seq->cameras[i].thread, &counts);
-        cameras[i] = (struct ls_credit_camera){.settled = counts.settled,
-                                               .window = counts.window,
-                                               .queued = ls_ring_queued(run->seq->cameras[i].ring)};
+        cameras[i] =
+            (struct ls_credit_camera){.settled = counts.settled,
+                                      .window = run->seq->stepwise ? UINT32_MAX : counts.window,
+                                      .queued = ls_ring_queued(run->seq->cameras[i].ring)};
         room.settled = least(room.settled, counts.settled);
-        room.window = least(room.window, counts.window);
+        room.window = least(room.window, cameras[i].window);
     }
     room.limit = ls_credit_limit(cameras, run->seq->n_cameras, run->program->n_steps);
     return room;
