@@ -207,19 +207,8 @@ static void test_reboot(void)
     bench_close(b);
 }
 
-/** Aravis lets go of a silent camera slowly: each access it still owes takes 2.5 s to fail. */
-static bool too_slow(void)
-{
-    if (g_getenv("LS_TEST_FULL"))
-        return false;
-    g_test_skip("takes over 10 s: set LS_TEST_FULL=1");
-    return true;
-}
-
 static void test_silence(void)
 {
-    if (too_slow())
-        return;
     struct bench *b = bench_new(39);
     struct sitter s = {.bench = b};
     b->sim_config.faults.silent_pulse = 2;
@@ -231,19 +220,20 @@ static void test_silence(void)
     bench_pulse(b, 1, 100);
     pthread_join(s.thread, NULL);
     g_assert_cmpint(s.err, ==, LS_ERR_GONE);
-    /* Aravis retries its heartbeat for 5 s, asked every second, answered within 0.5 */
-    g_assert_cmpfloat(s.seconds, <, 8);
+    /* asked every 0.4 s, five times in vain; and a busy machine */
+    g_test_message("gone after %.2f s", s.seconds);
+    g_assert_cmpfloat(s.seconds, <, 3.5);
     double start = bench_seconds();
     bench_stop(b, NULL);
-    /* closing the stream writes one register: five attempts of 0.5 s */
-    g_assert_cmpfloat(bench_seconds() - start, <, 4);
+    ls_camera_close(b->camera);
+    b->camera = NULL;
+    /* less than any one access to a silent camera, which is 3 s */
+    g_assert_cmpfloat(bench_seconds() - start, <, 1);
     bench_close(b);
 }
 
 static void test_silence_on_a_command(void)
 {
-    if (too_slow())
-        return;
     struct bench *b = bench_new(40);
     struct sitter s = {.bench = b};
     struct ls_diag diag = {0};
@@ -256,7 +246,7 @@ static void test_silence_on_a_command(void)
     g_assert_cmpint(ls_camera_latch(b->camera, &a, &c, &d, &diag), ==, LS_ERR_GONE);
     pthread_join(s.thread, NULL);
     g_assert_cmpint(s.err, ==, LS_ERR_GONE);
-    g_assert_cmpfloat(s.seconds, <, 4); /* five attempts of 0.5 s */
+    g_assert_cmpfloat(s.seconds, <, 8); /* six attempts of 0.5 s, and the heartbeat's before them */
     bench_close(b);
 }
 
@@ -465,7 +455,7 @@ int main(int argc, char **argv)
     g_test_add_func("/camera/wake-ends-a-wait-until-the-next-start", test_wake);
     g_test_add_func("/camera/stop-ends-a-wait", test_stop);
     g_test_add_func("/camera/a-rebooted-camera-is-gone-within-three-seconds", test_reboot);
-    g_test_add_func("/camera/a-silent-camera-is-gone-within-eight-seconds", test_silence);
+    g_test_add_func("/camera/a-silent-camera-is-gone-after-five-questions", test_silence);
     g_test_add_func("/camera/a-command-to-a-silent-camera-says-gone", test_silence_on_a_command);
     g_test_add_func("/camera/the-receive-path-is-reported", test_receive_path);
     g_test_add_func("/camera/without-a-packet-socket-the-buffer-is-what-the-kernel-grants",
