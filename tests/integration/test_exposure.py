@@ -1,6 +1,7 @@
 #!/usr/bin/python3 -B
 """Exposures by pulse width on a sensor that adds what nobody wrote down: it is measured with the
 dome's light, stands in ticket and take, and is what the merge divides by."""
+import json
 import os
 import re
 
@@ -58,6 +59,10 @@ def test_the_offset_is_measured_and_every_width_gives_the_same_radiance(folder):
         assert abs(offset - OFFSET_US) < 5 * sigma + 0.02, (offset, sigma)
         for ticket in takes.records(rig, take, "ticket"):
             assert abs(ticket["exposure_used_us"] - ticket["width_us"] - offset) < 1e-6, ticket
+        used_s = [(width + offset) * 1e-6 for width in json.loads(exposures)]
+        document = takes.document(rig, take)
+        assert all(abs(said - used) < 1e-12 for said, used
+                   in zip(document["exposure_s"], used_s, strict=True)), document["exposure_s"]
         seen[exposures] = radiance(rig, take)
     base = seen["[400, 1600, 6400]"]
     for exposures, e in seen.items():
@@ -77,10 +82,11 @@ def test_a_resumed_take_keeps_the_offset_it_began_with(folder):
     harness.wait_for("some of it is stored", lambda: len(takes.published(rig, take)) > 6)
     assert takes.ask(rig, "take", "abort")[0] == 0
     assert takes.ended(rig)[1]["state"] == "aborted"
-    before = camera_of(rig, take)
+    before, exposures_s = camera_of(rig, take), takes.document(rig, take)["exposure_s"]
     code, status, err = takes.resume(rig, take)
     assert code == 0 and status["state"] == "complete", (status, err)
     assert camera_of(rig, take) == before
+    assert takes.document(rig, take)["exposure_s"] == exposures_s
     added = {round(t["exposure_used_us"] - t["width_us"], 6)
              for t in takes.records(rig, take, "ticket")}
     assert added == {round(before["exposure_offset_us"], 6)}, added
