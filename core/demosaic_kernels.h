@@ -29,6 +29,7 @@ enum ls_demosaic_form {
     LS_DEMOSAIC_WOVEN, /* r g b r g b .. from plane[0] on */
     LS_DEMOSAIC_HALF_PLANES,
     LS_DEMOSAIC_HALF_WOVEN,
+    LS_DEMOSAIC_ADD, /* woven: += (scale rgb) ratio */
 };
 
 /** A run of pixels of one row and the five rows around it. */
@@ -41,7 +42,9 @@ struct ls_demosaic_line {
     bool red_row;     /* the row's other pixels are red, else blue */
     enum ls_demosaic_filter filter;
     enum ls_demosaic_form form;
-    void *plane[3]; /* of the first pixel; n pixels are written, no more */
+    void *plane[3];     /* of the first pixel; n pixels are written, no more */
+    float scale;        /* of ADD */
+    const float *ratio; /* [n][3], or NULL = 1 */
 };
 
 struct ls_demosaic_kernels {

@@ -107,6 +107,31 @@ LANES_INLINE halves finite_half(floats v)
     return lanes_to_half(lanes_clamp_half(v));
 }
 
+/* LANES pixels onto those at @to. */
+LANES_INLINE void grow(float *to, const float *ratio, float scale, floats r, floats g, floats b)
+{
+    floats woven[3];
+    lanes_weave(r, g, b, woven);
+    for (int k = 0; k < 3; k++, to += LANES) {
+        floats v = scale * woven[k];
+        if (ratio)
+            v *= lanes_load(ratio + k * LANES);
+        lanes_store(to, lanes_load(to) + v);
+    }
+}
+
+/* The last pixels of a line, by way of a buffer. */
+LANES_INLINE void grow_rest(float *to, const float *ratio, float scale, size_t n, floats r,
+                            floats g, floats b)
+{
+    float all[2][3 * LANES] = {{0}};
+    memcpy(all[0], to, 3 * n * sizeof *to);
+    if (ratio)
+        memcpy(all[1], ratio, 3 * n * sizeof *ratio);
+    grow(all[0], ratio ? all[1] : NULL, scale, r, g, b);
+    memcpy(to, all[0], 3 * n * sizeof *to);
+}
+
 /* LANES pixels from pixel p of the planes on. */
 LANES_INLINE void put(void *const plane[3], size_t p, enum ls_demosaic_form form, floats r,
                       floats g, floats b)
@@ -128,6 +153,8 @@ LANES_INLINE void put(void *const plane[3], size_t p, enum ls_demosaic_form form
     case LS_DEMOSAIC_HALF_WOVEN:
         lanes_store_woven_half((uint16_t *)plane[0] + 3 * p, finite_half(r), finite_half(g),
                                finite_half(b));
+        return;
+    case LS_DEMOSAIC_ADD: /* not here */
         return;
     }
 }
@@ -157,7 +184,12 @@ LANES_INLINE void run_line(const struct ls_demosaic_line *line, enum ls_demosaic
     for (size_t p = 0; p < l.n; p += LANES) {
         struct colours c = filter(&l, p, &t, kind);
         floats red = l.red_row ? c.own : c.other, blue = l.red_row ? c.other : c.own;
-        if (l.n - p >= LANES)
+        const float *ratio = l.ratio ? l.ratio + 3 * p : NULL;
+        if (form == LS_DEMOSAIC_ADD && l.n - p >= LANES)
+            grow((float *)l.plane[0] + 3 * p, ratio, l.scale, red, c.green, blue);
+        else if (form == LS_DEMOSAIC_ADD)
+            grow_rest((float *)l.plane[0] + 3 * p, ratio, l.scale, l.n - p, red, c.green, blue);
+        else if (l.n - p >= LANES)
             put(l.plane, p, form, red, c.green, blue);
         else
             put_rest(l.plane, p, l.n - p, form, red, c.green, blue);
@@ -177,6 +209,9 @@ LANES_INLINE void run_line(const struct ls_demosaic_line *line, enum ls_demosaic
         return;                                        \
     case LS_DEMOSAIC_HALF_WOVEN:                       \
         run_line(line, kind, LS_DEMOSAIC_HALF_WOVEN);  \
+        return;                                        \
+    case LS_DEMOSAIC_ADD:                              \
+        run_line(line, kind, LS_DEMOSAIC_ADD);         \
         return;                                        \
     }
 

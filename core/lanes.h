@@ -279,10 +279,16 @@ LANES_INLINE floats lanes_clamp_half(floats a)
 #endif
 
 /* 3 LANES floats r0 g0 b0 r1 .. */
+LANES_INLINE void lanes_weave(floats r, floats g, floats b, floats woven[3])
+{
+    floats red = WEAVE_OF(r, 0), green = WEAVE_OF(g, 1), blue = WEAVE_OF(b, 2);
+    WEAVE(red, green, blue, woven[0], woven[1], woven[2]);
+}
+
 LANES_INLINE void lanes_store_woven(float *p, floats r, floats g, floats b)
 {
-    floats a[3], red = WEAVE_OF(r, 0), green = WEAVE_OF(g, 1), blue = WEAVE_OF(b, 2);
-    WEAVE(red, green, blue, a[0], a[1], a[2]);
+    floats a[3];
+    lanes_weave(r, g, b, a);
     memcpy(p, a, sizeof a);
 }
 

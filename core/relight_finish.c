@@ -16,16 +16,21 @@ void ls_relight_tristimulus(const struct ls_field *field, uint32_t c, double *w)
         w[i] /= field->p[field->n_channels == 1 ? 0 : c];
 }
 
+static struct ls_demosaic_source source_of(const struct ls_field *field, const float *sum,
+                                           struct ls_demosaic_region window)
+{
+    return (struct ls_demosaic_source){.data = sum,
+                                       .stride = window.width,
+                                       .window = window,
+                                       .image_width = field->width,
+                                       .image_height = field->height,
+                                       .cfa = field->cfa};
+}
+
 enum ls_err ls_relight_demosaic(const struct ls_field *field, const float *sum,
                                 struct ls_demosaic_region window, struct ls_demosaic_region region,
                                 float *out)
 {
-    struct ls_demosaic_source source = {.data = sum,
-                                        .stride = window.width,
-                                        .window = window,
-                                        .image_width = field->width,
-                                        .image_height = field->height,
-                                        .cfa = field->cfa};
     if (field->n_channels == 1) {
         if (region.x < window.x || region.y < window.y ||
             region.x - window.x + (uint64_t)region.width > window.width ||
@@ -37,21 +42,10 @@ enum ls_err ls_relight_demosaic(const struct ls_field *field, const float *sum,
                    sizeof *out * region.width);
         return LS_OK;
     }
+    struct ls_demosaic_source source = source_of(field, sum, window);
     struct ls_demosaic_target target = {
         .plane = {out, out + 1, out + 2}, .pixel_step = 3, .row_step = 3 * (size_t)region.width};
     return ls_demosaic(&source, region, field->demosaic, &target);
-}
-
-/* out += v or v x ratio, for as many samples as there are: colours side by side */
-static void add_scaled(const float *restrict v, const float *restrict ratio, float scale, size_t n,
-                       float *restrict out)
-{
-    if (!ratio)
-        for (size_t k = 0; k < n; k++)
-            out[k] += scale * v[k];
-    else
-        for (size_t k = 0; k < n; k++)
-            out[k] += scale * v[k] * ratio[k];
 }
 
 static void add_matrix(const float *restrict v, const float *restrict m, float scale, size_t n,
@@ -75,6 +69,23 @@ static void add_channel(const float *v, const float *ratio, uint32_t channels, i
     }
 }
 
+/* All colours at once, by the demosaic itself; @y: the band's first row in the region. */
+static enum ls_err add_colours(const struct ls_field *field, const struct ls_relight_term *term,
+                               struct ls_demosaic_region window, struct ls_demosaic_region band,
+                               size_t y, float *out)
+{
+    struct ls_demosaic_source source = source_of(field, term->sum, window);
+    size_t row = 3 * (size_t)band.width, map_row = term->map_stride ? term->map_stride : row;
+    struct ls_demosaic_target target = {.plane = {out, out + 1, out + 2},
+                                        .pixel_step = 3,
+                                        .row_step = row,
+                                        .add = true,
+                                        .scale = (float)field->scale,
+                                        .ratio = term->ratio ? term->ratio + y * map_row : NULL,
+                                        .ratio_step = map_row};
+    return ls_demosaic(&source, band, field->demosaic, &target);
+}
+
 /* Row @y of the region. */
 static void add_term(const struct ls_field *field, const struct ls_relight_term *term,
                      const float *v, size_t y, size_t n, float *out)
@@ -86,8 +97,6 @@ static void add_term(const struct ls_field *field, const struct ls_relight_term 
     const float *ratio = term->ratio ? term->ratio + at : NULL;
     if (term->matrix)
         add_matrix(v, term->matrix + at, scale, n, out);
-    else if (term->channel < 0 && channels == 3)
-        add_scaled(v, ratio, scale, 3 * n, out);
     else
         for (int c = 0; c < 3; c++)
             if (term->channel < 0 || term->channel == c)
@@ -120,7 +129,7 @@ static enum ls_err check_terms(const struct ls_field *field, const struct ls_rel
 }
 
 /* rows demosaiced at a time: few enough for the second cache, enough to share their neighbours */
-enum { ROWS = 4 };
+enum { ROWS = 8 };
 
 enum ls_err ls_relight_finish(const struct ls_field *field, struct ls_demosaic_region window,
                               struct ls_demosaic_region region, const struct ls_relight_term *terms,
@@ -136,13 +145,17 @@ enum ls_err ls_relight_finish(const struct ls_field *field, struct ls_demosaic_r
         uint32_t rows = region.height - y < ROWS ? region.height - y : ROWS;
         struct ls_demosaic_region band = {region.x, region.y + y, region.width, rows};
         for (size_t t = 0; t < n_terms && !err; t++) {
-            err = ls_relight_demosaic(field, terms[t].sum, window, band, v);
+            bool at_once =
+                field->n_channels == 3 && terms[t].channel < 0 && terms[t].matrix == NULL;
+            float *to = out + 3 * n * y;
+            err = at_once ? add_colours(field, &terms[t], window, band, y, to)
+                          : ls_relight_demosaic(field, terms[t].sum, window, band, v);
             if (err)
                 return ls_fail(diag, err,
                                "relight: [%u + %u) x [%u + %u) px is not inside what was summed",
                                region.x, region.width, region.y, region.height);
-            for (uint32_t k = 0; k < rows; k++)
-                add_term(field, &terms[t], v + k * row, y + k, n, out + 3 * n * (y + k));
+            for (uint32_t k = 0; k < rows && !at_once; k++)
+                add_term(field, &terms[t], v + k * row, y + k, n, to + 3 * n * k);
         }
         if (m)
             apply_matrix(m, n * rows, out + 3 * n * y);
