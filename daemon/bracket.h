@@ -28,6 +28,15 @@ const char *ls_bracket_name(enum ls_bracket bracket);
 /** Settle @plan->bracket by what the cameras, applied, can do; and keep_raw where it needs that. */
 void ls_bracket_choose(struct ls_plan *plan, const struct ls_config *config);
 
+/**
+ * May the merge of camera @camera join these exposures, with @offset_us added to each? Asked before
+ * a take, and again when the offset was measured. LS_ERR_INVALID: no exposure is left, or the step
+ * from one to the next leaves a gap in the camera's range (core/merge.h).
+ */
+LS_MUST_CHECK enum ls_err ls_bracket_check(const struct ls_plan *plan,
+                                           const struct ls_config *config, uint32_t camera,
+                                           double offset_us, struct ls_diag *diag);
+
 uint32_t ls_bracket_rounds(const struct ls_plan *plan);
 
 /** Rounds before this one have darks only. */

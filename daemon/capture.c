@@ -1,5 +1,6 @@
 #include "daemon/capture_private.h"
 
+#include "daemon/bracket.h"
 #include "daemon/exposure_fit.h"
 #include "daemon/findings.h"
 #include "daemon/realtime.h"
@@ -136,9 +137,12 @@ static enum ls_err measure_offsets(struct ls_capture *c, struct ls_diag *diag)
     if (!ls_exposure_fit_needed(c->setup.config))
         return LS_OK;
     enum ls_err err = ls_exposure_fit_run(&with, c->offsets, diag);
-    for (uint32_t i = 0; i < c->n_cameras && !err; i++)
-        if (ls_exposure_fit_wanted(c->setup.config, i))
-            c->sequencer.cameras[i].offset_us = c->offsets[i].us;
+    for (uint32_t i = 0; i < c->n_cameras && !err; i++) {
+        if (!ls_exposure_fit_wanted(c->setup.config, i))
+            continue;
+        c->sequencer.cameras[i].offset_us = c->offsets[i].us;
+        err = ls_bracket_check(c->setup.plan, c->setup.config, i, c->offsets[i].us, diag);
+    }
     return err;
 }
 

@@ -1,7 +1,6 @@
 #include "daemon/preflight.h"
 
 #include "core/exr.h"
-#include "core/merge.h"
 #include "core/multiplex.h"
 #include "daemon/bracket.h"
 #include "daemon/exposure_fit.h"
@@ -102,28 +101,13 @@ static enum ls_err check_program(const struct ls_preflight_input *in, struct ls_
 
 static enum ls_err check_bracket(const struct ls_preflight_input *in, struct ls_diag *diag)
 {
-    for (uint32_t k = 0; k < in->config->n_cameras; k++) {
+    enum ls_err err = LS_OK;
+    for (uint32_t k = 0; k < in->config->n_cameras && !err; k++) {
         const struct ls_config_camera *c = &in->config->cameras[k];
-        double offset = c->driver.exposure == LS_EXPOSURE_WIDTH ? c->exposure_offset_us : 0;
-        double used_s[LS_MAX_EXPOSURES], shorter_s = 0;
-        for (uint32_t i = 0; i < in->plan->n_exposures; i++) {
-            used_s[i] = (in->plan->pulse_us[i] + offset) * 1e-6;
-            if (used_s[i] <= 0)
-                return ls_fail(diag, LS_ERR_INVALID,
-                               "exposures_us: %u us and the offset of camera %u (%g us) leave no "
-                               "exposure",
-                               in->plan->pulse_us[i], k, offset);
-        }
-        if (ls_merge_bracket_gaps(used_s, in->plan->n_exposures, c->range_low, c->range_high,
-                                  &shorter_s))
-            return ls_fail(diag, LS_ERR_INVALID,
-                           "exposures_us: the step after %g us leaves a gap: camera %u is linear "
-                           "from %g to %g of full scale, so each exposure may be at most %g times "
-                           "the one before",
-                           shorter_s * 1e6, k, c->range_low, c->range_high,
-                           c->range_high / c->range_low);
+        bool width = c->driver.exposure == LS_EXPOSURE_WIDTH;
+        err = ls_bracket_check(in->plan, in->config, k, width ? c->exposure_offset_us : 0, diag);
     }
-    return LS_OK;
+    return err;
 }
 
 static enum ls_err check_offsets(const struct ls_preflight_input *in, struct ls_diag *diag)

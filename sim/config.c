@@ -82,7 +82,7 @@ static const struct sim_key camera_keys[] = {
     {"ambient", SIM_KEY_DOUBLE, SIM_RANGE(struct camera, view.ambient, 0, 1e6)},
     {"white_exposure_us", SIM_KEY_DOUBLE, SIM_RANGE(struct camera, view.white_exposure_us, 1, 1e8)},
     {"exposure_offset_us", SIM_KEY_DOUBLE,
-     SIM_RANGE(struct camera, view.exposure_offset_us, 0, 1e4)},
+     SIM_RANGE(struct camera, view.exposure_offset_us, -40, 1000)},
     {"pixel_format", SIM_KEY_STRING, SIM_FIELD(struct camera, pixel_format)},
     {"max_frame_rate_hz", SIM_KEY_DOUBLE,
      SIM_RANGE(struct camera, wire.max_frame_rate_hz, 0.01, 1e5)},

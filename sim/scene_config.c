@@ -86,7 +86,7 @@ static enum ls_err check_view(const struct sim_view_config *v, uint32_t index, s
         {"hot_per_mpixel", v->hot_per_mpixel, 0, 1e4},
         {"ambient", v->ambient, 0, 10},
         {"white_exposure_us", v->white_exposure_us, 1, 1e7},
-        {"exposure_offset_us", v->exposure_offset_us, 0, 1000},
+        {"exposure_offset_us", v->exposure_offset_us, -40, 1000},
     };
     enum ls_err err = check_ranges(where, ranges, sizeof ranges / sizeof *ranges, diag);
     enum ls_cfa cfa;

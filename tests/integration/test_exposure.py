@@ -107,6 +107,15 @@ def test_where_it_cannot_be_measured_the_take_is_refused_with_a_sentence(folder)
     assert takes.published(rig, status["id"]) == []
 
 
+def test_a_bracket_that_the_measured_offset_tears_apart_is_refused(folder):
+    # 8 of the 8.5 that the camera's range bears, but 11 once each is 30 us shorter
+    rig = unsaid(folder, camera_extra="exposure_offset_us = -30.0;")
+    code, status, err = takes.photograph(rig, plan("[100, 800]"))
+    assert code == 1 and status["state"] == "failed", (code, status, err)
+    takes.says(status["message"], "step after 100 us leaves a gap", "its offset of -(30|29)")
+    assert takes.records(rig, status["id"], "ticket") == []
+
+
 def test_blank_ends_the_measuring_too(folder):
     rig = unsaid(folder)
     take = takes.begin(rig, takes.LONG)
