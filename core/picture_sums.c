@@ -16,6 +16,51 @@ static uint32_t least(uint32_t a, uint32_t b)
     return a < b ? a : b;
 }
 
+/* Of pixels [x, end) of a row, by the parity of x. */
+struct block_sum {
+    double sum[2];
+    bool bad[2];
+    uint32_t n_saturated;
+};
+
+static bool are_ok(const uint8_t *validity, uint32_t n)
+{
+    uint8_t any = LS_VALIDITY_OK;
+    for (uint32_t k = 0; k < n; k++)
+        any |= validity[k];
+    return any == LS_VALIDITY_OK;
+}
+
+/* Halves have 40 bits between the smallest and the largest: doubles hold sums of thousands exactly,
+ * in any order. False: something is not finite. */
+static bool add_plain(const float *row, uint32_t x, uint32_t end, struct block_sum *out)
+{
+    double sum[4] = {0};
+    uint32_t at = x;
+    for (; at + 4 <= end; at += 4)
+        for (int k = 0; k < 4; k++)
+            sum[k] += (double)row[at + k];
+    for (; at < end; at++)
+        sum[(at - x) & 1] += (double)row[at];
+    *out = (struct block_sum){0};
+    out->sum[x & 1] = sum[0] + sum[2];
+    out->sum[~x & 1] = sum[1] + sum[3];
+    return isfinite(sum[0] + sum[1] + sum[2] + sum[3]);
+}
+
+static void add_checked(const float *row, const uint8_t *validity, uint32_t x, uint32_t end,
+                        struct block_sum *out)
+{
+    *out = (struct block_sum){0};
+    for (; x < end; x++) {
+        uint8_t v = validity ? validity[x] : LS_VALIDITY_OK;
+        bool saturated = v == LS_VALIDITY_SATURATED || !isfinite(row[x]);
+        out->bad[x & 1] |= saturated || v == LS_VALIDITY_GAP;
+        out->sum[x & 1] += saturated ? 0 : (double)row[x];
+        out->n_saturated += saturated;
+    }
+}
+
 static void add_row(const struct ls_picture_view *p, uint32_t y, const float *row, uint32_t columns,
                     uint32_t first_block, struct ls_picture_sums *out)
 {
@@ -24,20 +69,15 @@ static void add_row(const struct ls_picture_view *p, uint32_t y, const float *ro
     for (uint32_t block = 0; block < columns; block++) {
         uint32_t x = (uint32_t)((uint64_t)p->width * block / columns);
         uint32_t end = (uint32_t)((uint64_t)p->width * (block + 1) / columns);
-        double sum[2] = {0};
-        bool bad[2] = {false};
-        for (; x < end; x++) {
-            uint8_t v = validity ? validity[x] : LS_VALIDITY_OK;
-            bool saturated = v == LS_VALIDITY_SATURATED || !isfinite(row[x]);
-            bad[x & 1] |= saturated || v == LS_VALIDITY_GAP;
-            sum[x & 1] += saturated ? 0 : (double)row[x];
-            out->n_saturated += saturated;
-        }
+        struct block_sum s;
+        if ((validity && !are_ok(validity + x, end - x)) || !add_plain(row, x, end, &s))
+            add_checked(row, validity, x, end, &s);
         for (int k = 0; k < 2; k++) {
             float *to = &out->sum[colour[k] * out->n_blocks + first_block + block];
-            *to = bad[k] ? NAN : *to + (float)sum[k];
-            out->total[colour[k]] += sum[k];
+            *to = s.bad[k] ? NAN : *to + (float)s.sum[k];
+            out->total[colour[k]] += s.sum[k];
         }
+        out->n_saturated += s.n_saturated;
     }
     out->n_px += p->width;
 }

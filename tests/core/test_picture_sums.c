@@ -144,6 +144,47 @@ static void test_edges(void)
     g_assert_cmpint(ls_picture_sums_make(&view, 1, &other, NULL), ==, LS_ERR_INVALID);
 }
 
+/* Pixel by pixel, as the header says, to the bit. One row a block, and not two rows of a kind. */
+static void test_exact(void)
+{
+    enum { W = 1000, H = LS_SUMS_GRID };
+    static uint16_t half[W * H];
+    static uint8_t validity[W * H];
+    guint32 seed = g_test_rand_int(), n_saturated = 0;
+    GRand *rand = g_rand_new_with_seed(seed);
+    g_test_message("seed %u", seed);
+    for (uint32_t i = 0; i < W * H; i++) {
+        half[i] = (uint16_t)(g_rand_int(rand) & (g_rand_int_range(rand, 0, 400) ? 0xbbff : 0xffff));
+        validity[i] = g_rand_int_range(rand, 0, 100) ? 0 : (uint8_t)g_rand_int_range(rand, 0, 4);
+    }
+    const struct ls_picture_view view = {half, validity, W, H, LS_CFA_RGGB};
+    struct ls_picture_sums sums;
+    g_assert_cmpint(ls_picture_sums_make(&view, 1, &sums, NULL), ==, LS_OK);
+    for (uint32_t y = 0; y < H; y++)
+        for (uint32_t block = 0; block < LS_SUMS_GRID; block++)
+            for (uint32_t k = 0; k < 2; k++) {
+                double sum = 0;
+                bool bad = false;
+                for (uint32_t x = W * block / LS_SUMS_GRID; x < W * (block + 1) / LS_SUMS_GRID;
+                     x++) {
+                    float value = ls_half_to_float(half[y * W + x]);
+                    uint8_t v = validity[y * W + x];
+                    bool saturated = v == LS_VALIDITY_SATURATED || !isfinite(value);
+                    if ((x & 1) != k)
+                        continue;
+                    bad |= saturated || v == LS_VALIDITY_GAP;
+                    sum += saturated ? 0 : (double)value;
+                    n_saturated += saturated;
+                }
+                uint32_t colour = ls_cfa_channel(LS_CFA_RGGB, k, y);
+                float got = sums.sum[colour * sums.n_blocks + y * LS_SUMS_GRID + block];
+                g_assert_true(bad ? isnan(got) : got == (float)sum);
+            }
+    g_assert_cmpuint(sums.n_saturated, ==, n_saturated);
+    ls_picture_sums_finish(&sums);
+    g_rand_free(rand);
+}
+
 int main(int argc, char **argv)
 {
     g_test_init(&argc, &argv, NULL);
@@ -151,5 +192,6 @@ int main(int argc, char **argv)
     g_test_add_func("/picture-sums/saturated-blocks-are-left-out", test_saturated);
     g_test_add_func("/picture-sums/what-moves-is-no-drift", test_moved);
     g_test_add_func("/picture-sums/small-and-mono-pictures-are-added-up", test_edges);
+    g_test_add_func("/picture-sums/are-exact-whatever-the-pixels", test_exact);
     return g_test_run();
 }
