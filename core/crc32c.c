@@ -4,6 +4,7 @@
 
 #if defined(__x86_64__)
 #include <nmmintrin.h>
+#include <wmmintrin.h>
 
 __attribute__((target("sse4.2"))) static uint32_t crc_sse42(uint32_t crc, const uint8_t *p,
                                                             size_t n)
@@ -17,6 +18,41 @@ __attribute__((target("sse4.2"))) static uint32_t crc_sse42(uint32_t crc, const 
     for (; n; n--)
         state = _mm_crc32_u8((uint32_t)state, *p++);
     return ~(uint32_t)state;
+}
+
+/* Three stretches at once: one waits three cycles for every word, and the unit takes one a cycle.
+ */
+enum { STRETCH = 1024 };
+
+/* The state after @bytes zeros: times x^(8 bytes) modulo the polynomial. The product without
+ * carries of reflected operands is one place short, and the instruction multiplies by x^32 as it
+ * reduces, so
+ * @factor = x^(8 bytes - 33), reflected. */
+__attribute__((target("sse4.2,pclmul"))) static uint64_t past_zeros(uint64_t state, int factor)
+{
+    __m128i product =
+        _mm_clmulepi64_si128(_mm_cvtsi64_si128((int64_t)state), _mm_cvtsi32_si128(factor), 0);
+    return _mm_crc32_u64(0, (uint64_t)_mm_cvtsi128_si64(product));
+}
+
+__attribute__((target("sse4.2,pclmul"))) static uint32_t crc_three(uint32_t crc, const uint8_t *p,
+                                                                   size_t n)
+{
+    const int one = 0x170076fa, two = (int)0xa51b6135; /* x^(8 STRETCH - 33), x^(16 STRETCH - 33) */
+    uint64_t a = (uint32_t)~crc;
+    for (; n >= 3 * STRETCH; n -= 3 * STRETCH, p += 3 * STRETCH) {
+        uint64_t b = 0, c = 0, word[3];
+        for (size_t k = 0; k < STRETCH; k += 8) {
+            memcpy(&word[0], p + k, 8);
+            memcpy(&word[1], p + STRETCH + k, 8);
+            memcpy(&word[2], p + 2 * STRETCH + k, 8);
+            a = _mm_crc32_u64(a, word[0]);
+            b = _mm_crc32_u64(b, word[1]);
+            c = _mm_crc32_u64(c, word[2]);
+        }
+        a = past_zeros(a, two) ^ past_zeros(b, one) ^ c;
+    }
+    return crc_sse42(~(uint32_t)a, p, n);
 }
 #endif
 
@@ -45,4 +81,23 @@ uint32_t ls_crc32c(uint32_t crc, const void *bytes, size_t n)
         return crc_sse42(crc, bytes, n);
 #endif
     return ls_crc32c_portable(crc, bytes, n);
+}
+
+/* What a piece brings into the first-level cache is still there for the checksum. */
+uint32_t ls_crc32c_copy(uint32_t crc, void *to, const void *from, size_t n)
+{
+    enum { PIECE = 5 * 3 * 1024 };
+    for (size_t at = 0; at < n; at += PIECE) {
+        size_t piece = n - at < PIECE ? n - at : PIECE;
+        uint8_t *copy = (uint8_t *)to + at;
+        memcpy(copy, (const uint8_t *)from + at, piece);
+#if defined(__x86_64__)
+        if (__builtin_cpu_supports("sse4.2") && __builtin_cpu_supports("pclmul")) {
+            crc = crc_three(crc, copy, piece);
+            continue;
+        }
+#endif
+        crc = ls_crc32c(crc, copy, piece);
+    }
+    return crc;
 }

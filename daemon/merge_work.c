@@ -85,13 +85,19 @@ static struct ls_ticket ticket_of(const struct ls_merge_stage *stage,
                               .raw_bytes = b->frame.payload_bytes};
 }
 
-/* Checksum, ticket and, if asked for, the bytes themselves. */
+static uint32_t crc_of(const struct ls_merge_job *job, const void *raw)
+{
+    return ls_crc32c(0, raw, job->bound.frame.payload_bytes);
+}
+
+/* Ticket and, if asked for, the bytes themselves. */
 static enum ls_err record(struct ls_merge_stage *stage, const struct ls_merge_job *job,
-                          const void *raw, struct ls_ticket *ticket, struct ls_diag *diag)
+                          const void *raw, uint32_t crc, struct ls_ticket *ticket,
+                          struct ls_diag *diag)
 {
     struct ls_store *store = stage->config.setup->store;
     size_t n = job->bound.frame.payload_bytes;
-    *ticket = ticket_of(stage, job, ls_crc32c(0, raw, n));
+    *ticket = ticket_of(stage, job, crc);
     enum ls_err err = LS_OK;
     if (stage->config.setup->plan->keep_raw)
         err = ls_store_raw(store, job->camera, ticket->shot, ticket->attempt, raw, n, diag);
@@ -254,7 +260,7 @@ static enum ls_err take_dark(struct ls_merge_stage *stage, const struct ls_merge
     enum ls_err err = watch ? ls_dark_stage_watch(&camera->darks, raw, diag)
                             : ls_dark_stage_add(&camera->darks, c->exposure, raw, diag);
     if (!err)
-        err = record(stage, job, raw, &ticket, diag);
+        err = record(stage, job, raw, crc_of(job, raw), &ticket, diag);
     give_back(stage, job);
     if (err)
         return err;
@@ -336,7 +342,7 @@ static enum ls_err keep(struct ls_merge_stage *stage, const struct ls_merge_job 
 {
     const void *raw = ls_ring_payload(stage->config.rings[job->camera], job->bound.frame.slot);
     struct ls_ticket ticket;
-    enum ls_err err = record(stage, job, raw, &ticket, diag);
+    enum ls_err err = record(stage, job, raw, crc_of(job, raw), &ticket, diag);
     offer(stage, job, raw);
     give_back(stage, job);
     if (err)
@@ -374,13 +380,14 @@ static enum ls_err copy_in(struct ls_merge_stage *stage, const struct ls_merge_j
     struct ls_accumulator *a = job->accumulator;
     const struct ls_plan_condition *c = condition_of(stage, job->plan_step);
     uint32_t i = job->plan_step - c->first_step;
-    memcpy(a->raw[i], ls_ring_payload(stage->config.rings[job->camera], job->bound.frame.slot),
-           job->bound.frame.payload_bytes);
+    uint32_t crc = ls_crc32c_copy(
+        0, a->raw[i], ls_ring_payload(stage->config.rings[job->camera], job->bound.frame.slot),
+        job->bound.frame.payload_bytes);
     give_back(stage, job);
     a->exposure_s[i] = job->bound.exposure_us * 1e-6;
     struct ls_ticket ticket;
     bool kept = ls_bracket_keeps(stage->config.setup->plan, c);
-    enum ls_err err = record(stage, job, a->raw[i], &ticket, diag);
+    enum ls_err err = record(stage, job, a->raw[i], crc, &ticket, diag);
     if (!err && kept)
         err = read_kept(stage, job, c, diag);
     if (err)
