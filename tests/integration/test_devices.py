@@ -16,13 +16,15 @@ END_S = 10  # what opening a camera costs in timeouts, several registers of 2.5 
 
 @contextlib.contextmanager
 def silent_camera(rig):
-    """In the place of the rig's: a socket that takes every packet and answers none."""
+    """In the place of the rig's: a socket that takes every packet and answers none; its name, and a
+    function that waits until it is asked something."""
     port = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
     address = rig.addresses[0].rsplit(".", 1)[0] + ".99"
     port.bind((address, 3956))
+    port.settimeout(30)
     rig.addresses = [address]
     with port:
-        yield f"camera 0 ({address})"
+        yield f"camera 0 ({address})", lambda: port.recv(4096)
 
 
 @contextlib.contextmanager
@@ -86,7 +88,7 @@ def others_are_answered(rig, device, kind, body=b""):
 def test_a_silent_camera_stops_no_other_client(folder):
     rig = harness.twelve(folder)
     rig.start_simulator()
-    with silent_camera(rig) as device:
+    with silent_camera(rig) as (device, _):
         rig.start_daemon()
         others_are_answered(rig, device, wire.PREFLIGHT)
         others_are_answered(rig, device, wire.TAKE_START, wire.message(f1="a", f2="token"))
@@ -107,14 +109,16 @@ def test_a_silent_controller_stops_no_other_client(folder):
 def test_a_hanging_preflight_is_cancelled_aborted_and_outlived(folder):
     rig = harness.twelve(folder)
     rig.start_simulator()
-    with silent_camera(rig) as device:
+    with silent_camera(rig) as (device, is_asked):
         rig.start_daemon()
         start = Hanging(rig, wire.TAKE_START, wire.message(f1="a", f2="token"))
+        is_asked()
         prompt(rig, wire.TAKE_ABORT)
         kind, _, message, _ = start.end()
         assert kind == wire.ERROR and (b"aborted" in message or device.encode() in message), message
         assert rig.takes() == []
         cancelled = Hanging(rig, wire.PREFLIGHT)
+        is_asked()
         cancelled.peer.send(wire.frame(wire.CANCEL, 8, wire.message(f1=7)))
         kind, request, message, _ = cancelled.end()
         assert (kind, request) == (wire.ERROR, 7) and b"cancelled" in message, message
