@@ -76,11 +76,12 @@ static void test_heartbeat(gconstpointer driver)
     stand_down(&s);
 }
 
-static void test_interlock(gconstpointer driver)
+/* Opened before the fourth step, for @open_ms (0: for good), which ends the run. */
+static void open_interlock(gconstpointer driver, double open_ms)
 {
     struct sim_controller_config config = small(driver);
     config.n_faults = 1;
-    config.faults[0] = (struct sim_controller_fault){SIM_CONTROLLER_INTERLOCK, 3, 1, 300};
+    config.faults[0] = (struct sim_controller_fault){SIM_CONTROLLER_INTERLOCK, 3, 1, open_ms};
     struct stand s = stand_up(driver, &config);
     struct ls_step steps[10];
     struct ls_step_event events[10];
@@ -98,16 +99,25 @@ static void test_interlock(gconstpointer driver)
     g_assert_cmpint(ls_lights_grant(s.lights, 10, &diag), ==, LS_ERR_REFUSED);
     g_assert_cmpint(ls_lights_arm(s.lights, &diag), ==, LS_ERR_REFUSED);
     g_assert_nonnull(strstr(diag.text, "interlock"));
-    g_assert_cmpint(ls_lights_load(s.lights, &program, NULL, &diag), ==,
-                    LS_ERR_REFUSED); /* still open */
-    enum ls_err err;
-    gint64 limit = g_get_monotonic_time() + 5 * G_USEC_PER_SEC;
-    do
-        err = ls_lights_load(s.lights, &program, NULL, &diag);
-    while (err == LS_ERR_REFUSED && g_get_monotonic_time() < limit);
-    must(err, &diag);
+    if (open_ms == 0) {
+        g_assert_true(status.interlock_open);
+        g_assert_cmpint(ls_lights_load(s.lights, &program, NULL, &diag), ==, LS_ERR_REFUSED);
+        g_assert_nonnull(strstr(diag.text, "interlock"));
+    } else {
+        while (status_of(s.lights).interlock_open)
+            ;
+        g_assert_cmpuint(status_of(s.lights).faults, ==, LS_FAULT_INTERLOCK); /* latched */
+        load(s.lights, &program);
+        g_assert_cmpuint(status_of(s.lights).faults, ==, 0);
+    }
     g_assert_cmpuint(s.dome.log->n_pulses, ==, 3);
     stand_down(&s);
+}
+
+static void test_interlock(gconstpointer driver)
+{
+    open_interlock(driver, 0);
+    open_interlock(driver, 100);
 }
 
 static void test_stall(gconstpointer driver)
