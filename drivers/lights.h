@@ -13,6 +13,10 @@
  * (pulse x level / 65535) over the steps that start within (s(j) - 1 s, s(j)], and all LEDs
  * together no more energy than max_power_mw x 1 s, one of full level taking led_power_mw.
  *
+ * The same limits hold from one program to the next: what was shown before arm, a work light
+ * included, counts for a second, and the controller begins a step as much later as that asks for, at
+ * most a second.
+ *
  * Hold. A held step lights at its start and counts as fired, status.holding is set, and it stays
  * lit until the next grant or max_hold_us, and at least for its pulse. To release the last step
  * granted, grant the same number again: a driver sends that as a release, since a grant that it

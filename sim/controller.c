@@ -63,7 +63,7 @@ static enum ls_err allocate(struct sim_controller *c, struct ls_diag *diag)
     c->memory = calloc(c->config.max_program_bytes / 2 + LS_WIRE_WINDOW_DATA, sizeof *c->memory);
     c->events = calloc(c->config.event_queue, sizeof *c->events);
     c->kick_fd = eventfd(0, EFD_CLOEXEC | EFD_NONBLOCK);
-    if (!c->memory || !c->events || c->kick_fd < 0)
+    if (!sim_books_init(&c->books, &c->config) || !c->memory || !c->events || c->kick_fd < 0)
         return ls_fail(diag, LS_ERR_NOMEM, "controller: out of memory");
     return LS_OK;
 }
@@ -184,6 +184,7 @@ void sim_controller_destroy(struct sim_controller *c)
     if (c->kick_fd >= 0)
         close(c->kick_fd);
     sim_program_finish(&c->program);
+    sim_books_finish(&c->books);
     free(c->memory);
     free(c->events);
     pthread_cond_destroy(&c->wake);

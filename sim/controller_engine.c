@@ -104,6 +104,7 @@ static void reboot(struct sim_controller *c)
     c->halt = false;
     c->work_level = 0;
     sim_controller_show_work(c, false);
+    sim_books_clear(&c->books);
     memset(c->control, 0, sizeof c->control);
     memset(c->memory, 0, c->config.max_program_bytes / 2 * sizeof *c->memory);
     sim_program_finish(&c->program);
@@ -131,13 +132,15 @@ static uint64_t later(uint64_t a, uint64_t b)
     return a > b ? a : b;
 }
 
-/** Start of step c->fired by the contract's schedule; *late if that is later than asked. */
-static uint64_t schedule(const struct sim_controller *c, const struct run *run,
+/** Start of step c->fired by the contract's schedule, and where the limits leave room for it after
+ * what was shown before this arm; *late if that is later than asked. */
+static uint64_t schedule(struct sim_controller *c, const struct run *run,
                          const struct sim_step *step, bool *late)
 {
     uint64_t asked = run->started ? later(run->end_us + step->settle_us, run->next_us)
                                   : c->credit_us + step->settle_us;
     uint64_t start = later(asked, later(c->credit_us, run->ready_us));
+    start = sim_books_start(&c->books, &c->config, &c->program, step, c->arm, start);
     *late = start > asked;
     return start;
 }
@@ -189,6 +192,8 @@ static void extinguish(struct sim_controller *c, const struct sim_step *step,
     }
     event.width_us = (uint32_t)(end_us - event.us);
     push_event(c, &event);
+    sim_books_note(&c->books, &c->config, &c->program, step->condition, c->arm, event.us,
+                   event.width_us);
     c->holding = false;
     pthread_mutex_unlock(&c->lock);
     if (event.flags & LS_WIRE_EVENT_CLIPPED && c->hooks.dark)

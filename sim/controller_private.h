@@ -8,6 +8,7 @@
 #define LS_SIM_CONTROLLER_PRIVATE_H
 
 #include "sim/controller.h"
+#include "sim/controller_books.h"
 #include "sim/program.h"
 
 #include <pthread.h>
@@ -36,6 +37,7 @@ struct sim_controller {
     uint32_t window_address, window_length;
     uint16_t *memory; /* program memory */
     struct sim_program program;
+    struct sim_books books; /* of all programs since power-up */
     _Atomic uint32_t progress;
 
     uint16_t arm;
@@ -46,6 +48,8 @@ struct sim_controller {
     bool lit, holding;
     uint16_t work_channel, work_level;
     bool working;                                /* the work light is on */
+    uint64_t working_us;                         /* since then */
+    uint16_t shown_channel, shown_level;         /* it, while it is on */
     bool watched;                                /* ... while the host lives */
     uint64_t interlock_until_ns, estop_until_ns; /* open until; UINT64_MAX: for ever */
     uint64_t heat_until_ns, overheat_until_ns;   /* as hot as hot_c, max_c until */

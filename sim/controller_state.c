@@ -27,7 +27,13 @@ static int refuse_state(struct sim_controller *c)
 
 void sim_controller_show_work(struct sim_controller *c, bool on)
 {
+    if (c->working)
+        sim_books_note_work(&c->books, &c->config, c->shown_channel, c->shown_level, c->arm,
+                            sim_controller_us(c), sim_controller_us(c) - c->working_us);
     c->working = on && c->work_level;
+    c->working_us = sim_controller_us(c);
+    c->shown_channel = c->work_channel;
+    c->shown_level = c->work_level;
     c->watched &= c->working;
     if (c->hooks.work)
         c->hooks.work(c->hooks.user, sim_now_ns(), c->work_channel,

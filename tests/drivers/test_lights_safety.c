@@ -3,6 +3,7 @@
 #include "tests/drivers/lights_fixture.h"
 
 #include <glib.h>
+#include <inttypes.h>
 #include <string.h>
 
 /* ---- the host's own check ---- */
@@ -263,6 +264,72 @@ static void test_held_power(gconstpointer driver)
     stand_down(&s);
 }
 
+/* The program of one pulse from arm to done; when it began, on the controller's clock. */
+static uint64_t fire_again(struct ls_lights *lights)
+{
+    struct ls_step_event event;
+    arm(lights);
+    grant(lights, 1);
+    struct ls_lights_status status = collect(lights, &event, 1);
+    while (status.state == LS_LIGHTS_ARMED)
+        status = status_of(lights);
+    return event.us;
+}
+
+static void load_pulse(struct ls_lights *lights, uint32_t pulse_us)
+{
+    const struct ls_step step = {.condition = 1, .pulse_us = pulse_us};
+    const struct ls_program program = {conditions, N_CONDITIONS, &step, 1, 2000};
+    load(lights, &program);
+}
+
+/* Each program is within the limits of its own; what they would come to together is not. */
+static void test_rearmed_duty(gconstpointer driver)
+{
+    struct sim_controller_config config = small(driver);
+    config.max_duty_permille = 40;
+    struct stand s = stand_up(driver, &config);
+    uint64_t us[5];
+    load_pulse(s.lights, 10000);
+    for (int i = 0; i < 5; i++)
+        us[i] = fire_again(s.lights);
+    /* four pulses of 10 ms are 40 ms of a second; the fifth waits for the first to be over */
+    g_test_message("after %" PRIu64 ", %" PRIu64 " us", us[3] - us[0], us[4] - us[0]);
+    g_assert_cmpuint(us[4] - us[0], >=, 1000000);
+    stand_down(&s);
+}
+
+/* The same of power, which is of all LEDs together; and of a program that was loaded anew. */
+static void test_rearmed_power(gconstpointer driver)
+{
+    struct sim_controller_config config = small(driver);
+    config.max_power_mw = 50; /* an LED of 2.5 W for 20 ms of a second */
+    struct stand s = stand_up(driver, &config);
+    uint64_t us[3];
+    for (int i = 0; i < 3; i++) {
+        load_pulse(s.lights, 10000 - 1000 * (i == 2)); /* 10 + 10 + 9 ms */
+        us[i] = fire_again(s.lights);
+    }
+    g_assert_cmpuint(us[2] - us[0], >=, 1000000);
+    stand_down(&s);
+}
+
+static void test_rearmed_work(gconstpointer driver)
+{
+    struct sim_controller_config config = small(driver);
+    config.max_duty_permille = 100;
+    struct stand s = stand_up(driver, &config);
+    struct ls_diag diag = {0};
+    load_pulse(s.lights, 90000);
+    must(ls_lights_set_work(s.lights, conditions[1].leds->channel, 6000, &diag), &diag);
+    must(ls_lights_work(s.lights, &diag), &diag);
+    uint64_t on_us = status_of(s.lights).now_us;
+    while (status_of(s.lights).now_us < on_us + 200000)
+        ; /* at 92 permille of a second, 18 ms by then; 100 are allowed */
+    g_assert_cmpuint(fire_again(s.lights), >=, on_us + 1200000);
+    stand_down(&s);
+}
+
 static void test_work(gconstpointer driver)
 {
     struct stand s = stand_up(driver, NULL);
@@ -383,6 +450,9 @@ int main(int argc, char **argv)
         {"a-hot-dome-says-so-and-goes-on", test_hot},
         {"an-overheated-dome-is-dark-until-it-has-cooled", test_overheated},
         {"a-held-step-is-followed-by-the-dark-that-power-asks-for", test_held_power, TCP | USB},
+        {"programs-one-after-another-keep-the-limit-of-duty", test_rearmed_duty},
+        {"programs-one-after-another-keep-the-limit-of-power", test_rearmed_power},
+        {"a-work-light-counts-against-the-duty-of-what-follows", test_rearmed_work},
         {"the-work-light-is-on-when-asked-and-off-when-armed-or-blanked", test_work},
         {"a-silent-host-means-the-work-light-where-there-is-one", test_work_alone},
         {"a-steady-light-goes-out-with-its-host", test_steady},
