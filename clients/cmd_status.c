@@ -37,14 +37,18 @@ static void print_json(const Lightstage__StatusReply *s)
         (json_int_t)s->stalled_closed, "events_skipped", (json_int_t)s->events_skipped));
 }
 
+/* A device that is connected and was never asked: a take or a live view has had it since. */
 static void print_lights(const Lightstage__LightsStatus *l)
 {
     if (!l->connected) {
         puts("lights       not connected");
         return;
     }
-    printf("lights       %s, %s, %" PRId32 " C\n", ls_clean(l->serial), ls_clean(l->state),
-           l->temperature_c);
+    if (!l->serial[0])
+        puts("lights       in use");
+    else
+        printf("lights       %s, %s, %" PRId32 " C\n", ls_clean(l->serial), ls_clean(l->state),
+               l->temperature_c);
     for (size_t i = 0; i < l->n_faults; i++)
         printf("             FAULT: %s\n", ls_clean(l->faults[i]));
     for (size_t i = 0; i < l->n_now; i++)
@@ -58,8 +62,11 @@ static void print_camera(const Lightstage__CameraStatus *c)
         puts("not connected");
         return;
     }
-    printf("%s, serial %s, %s\n", ls_clean(c->model), ls_clean(c->serial),
-           c->packet_socket ? "packet socket" : "UDP");
+    if (!c->model[0])
+        puts("in use");
+    else
+        printf("%s, serial %s, %s\n", ls_clean(c->model), ls_clean(c->serial),
+               c->packet_socket ? "packet socket" : "UDP");
     if (c->unverified[0])
         printf("             unverified: %s\n", ls_clean(c->unverified));
 }

@@ -93,6 +93,17 @@ def test_of_two_clients_that_start_at_once_one_is_told_that_the_other_was_first(
     takes.is_good(rig, kept["id"])
 
 
+def test_devices_that_a_take_has_and_nobody_asked_before_are_said_to_be_in_use(folder):
+    rig = harness.twelve(folder).start()
+    takes.begin(rig, takes.LONG)
+    said = takes.ask(rig, "status")[1]
+    takes.says(said, "lights       in use", "front: in use")
+    assert takes.ask(rig, "take", "abort")[0] == 0
+    takes.ended(rig)
+    said = takes.ask(rig, "status")[1]
+    takes.says(said, "LS-DOME-SIM-0001", "lightstage-sim, serial SIM0")
+
+
 def test_a_retry_with_the_same_token_starts_one_take(folder):
     rig = harness.twelve(folder).start()
     clients = [takes.begin(rig, harness.PLAN, wait=True) for _ in range(3)]
