@@ -30,7 +30,7 @@ static json_t *camera_json(const Lightstage__CameraMetrics *c)
     json_t *latencies = json_object();
     for (size_t i = 0; i < c->n_latencies; i++)
         json_object_set_new(latencies, c->latencies[i]->part, latency_json(c->latencies[i]));
-    return json_pack("{ss so sI so so sI sI sI sI}", "name", c->name, "latencies", latencies,
+    return json_pack("{ss so sI so so sI sI sI sI sI}", "name", c->name, "latencies", latencies,
                      "frames_bound", (json_int_t)c->frames_bound, "frames_discarded",
                      reasons_json(c->frames_discarded, c->n_frames_discarded), "steps_unbound",
                      reasons_json(c->steps_unbound, c->n_steps_unbound), "shots_lost",
