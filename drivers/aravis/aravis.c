@@ -20,7 +20,8 @@
 
 enum {
     INITIAL_PACKET_TIMEOUT_US = 500,
-    PACKET_TIMEOUT_US = 5000,
+    LEAST_PACKET_TIMEOUT_US = 5000,
+    PACKETS_LATE = 8, /* a packet is asked for once more when so many could have come since */
     DEFAULT_RETENTION_US = 200000,
     BLOCK_IDS = 65535, /* 16-bit ids run 1..65535 */
     SETTLE_MS = 20,    /* longer than the packet ring holds a packet back */
@@ -31,7 +32,7 @@ struct aravis {
     ArvCamera *camera;
     char address[INET_ADDRSTRLEN];
     struct ls_aravis_setup setup;
-    uint32_t retention_us;
+    uint32_t retention_us, packet_timeout_us;
     int rt_priority;
 
     ArvStream *stream;
@@ -320,6 +321,14 @@ static enum ls_err aravis_open(const struct ls_camera_config *config, void **pri
     return LS_OK;
 }
 
+/** A camera that shares a slow link sends its packets far apart: one that is not there yet is not
+ * lost, and asking for it would only take more of the link. */
+static uint32_t packet_timeout_us(const struct ls_camera_config *config)
+{
+    uint32_t us = PACKETS_LATE * (config->packet_delay_ns / 1000);
+    return us > LEAST_PACKET_TIMEOUT_US ? us : LEAST_PACKET_TIMEOUT_US;
+}
+
 static enum ls_err aravis_apply(void *priv, const struct ls_camera_config *config,
                                 struct ls_camera_info *info, struct ls_diag *diag)
 {
@@ -329,6 +338,7 @@ static enum ls_err aravis_apply(void *priv, const struct ls_camera_config *confi
     a->rt_priority = config->rt_priority;
     a->retention_us =
         config->frame_retention_us ? config->frame_retention_us : DEFAULT_RETENTION_US;
+    a->packet_timeout_us = packet_timeout_us(config);
     return ls_aravis_apply(a->camera, a->address, config, &a->setup, info, diag);
 }
 
@@ -356,8 +366,8 @@ static enum ls_err create_stream(struct aravis *a, ArvGvStreamOption options,
     g_object_set(a->stream, "socket-buffer", ARV_GV_STREAM_SOCKET_BUFFER_FIXED,
                  "socket-buffer-size", LS_ARAVIS_RECEIVE_BUFFER, "packet-resend",
                  ARV_GV_STREAM_PACKET_RESEND_ALWAYS, "initial-packet-timeout",
-                 INITIAL_PACKET_TIMEOUT_US, "packet-timeout", PACKET_TIMEOUT_US, "frame-retention",
-                 a->retention_us, "packet-request-ratio", 1.0, NULL);
+                 INITIAL_PACKET_TIMEOUT_US, "packet-timeout", a->packet_timeout_us,
+                 "frame-retention", a->retention_us, "packet-request-ratio", 1.0, NULL);
     enum ls_err err = wait_for_thread(a, diag);
     if (err)
         return err;

@@ -172,6 +172,12 @@ static void test_dropped_pulse(void)
     bench_close(b);
 }
 
+static int compare_doubles(const void *a, const void *b)
+{
+    double x = *(const double *)a, y = *(const double *)b;
+    return x < y ? -1 : x > y;
+}
+
 static void test_lost_frame(void)
 {
     struct bench *b = bench_new(6);
@@ -191,6 +197,34 @@ static void test_lost_frame(void)
     }
     g_assert_cmpint(bench_logged(b, 2).fate, ==, SIM_FATE_LOST_FRAME);
     g_assert_cmpuint(bench_logged(b, 2).frame_id, ==, 3);
+    bench_close(b);
+}
+
+/* From a pulse to its frame, with the leader lost and without, in turn; medians of each. */
+static void test_lost_leader(void)
+{
+    enum { FRAMES = 15 };
+    struct bench *b = bench_new(41);
+    double ms[2][FRAMES];
+    for (int i = 0; i < FRAMES; i++)
+        b->sim_config.faults.lose_leader[i] = 2 * (uint64_t)i + 2;
+    bench_power_up(b);
+    bench_start(b, 8);
+    for (uint32_t step = 0; step < 2 * FRAMES; step++) {
+        uint64_t at_ns = bench_pulse(b, step, 100);
+        struct ls_camera_frame f = bench_next(b, SECOND_US);
+        g_assert_cmpint(f.status, ==, LS_FRAME_OK);
+        g_assert_true(bench_shows(b, &f, step));
+        ms[step % 2][step / 2] = (double)(f.host_ns - at_ns) * 1e-6;
+        ls_camera_release(b->camera, f.slot);
+    }
+    for (int lost = 0; lost < 2; lost++)
+        qsort(ms[lost], FRAMES, sizeof **ms, compare_doubles);
+    double cost_ms = ms[1][FRAMES / 2] - ms[0][FRAMES / 2];
+    g_test_message("a frame came after %.2f ms, with its leader lost after %.2f", ms[0][FRAMES / 2],
+                   ms[1][FRAMES / 2]);
+    g_assert_cmpfloat(cost_ms, >, 0.5); /* it was waited for before it was asked for */
+    g_assert_cmpfloat(cost_ms, <, 50);  /* ten packet timeouts */
     bench_close(b);
 }
 
@@ -535,6 +569,7 @@ int main(int argc, char **argv)
     g_test_add_func("/camera/a-dropped-pulse-leaves-ids-and-counters-contiguous",
                     test_dropped_pulse);
     g_test_add_func("/camera/a-lost-frame-makes-an-id-gap", test_lost_frame);
+    g_test_add_func("/camera/a-lost-leader-costs-its-frame-little", test_lost_leader);
     g_test_add_func("/camera/a-trigger-too-early-is-counted-and-makes-no-frame", test_busy_sensor);
     g_test_add_func("/camera/one-percent-packet-loss-costs-no-frame", test_packet_loss);
     g_test_add_func("/camera/a-frame-beyond-recovery-is-lost-and-says-nothing-else",
