@@ -41,9 +41,14 @@ def test_four_cameras_on_one_link_keep_every_frame_as_their_own(folder):
     tickets = [t for t in takes.records(rig, status["id"], "ticket") if t["status"] == "ok"]
     assert [len({t["shot"] for t in tickets if t["camera"] == k}) for k in range(4)] == \
         4 * [takes.DARKS + takes.LIGHTS]
+    planned = {c["id"] for c in takes.document(rig, status["id"])["plan"]["conditions"]}
     for view in range(4):  # four views of one plan: each has its own pictures of it
         names = {p["condition"] for p in takes.published(rig, status["id"]) if p["camera"] == view}
-        assert len(names) == status["conditions_planned"], (view, names)
+        assert names == planned, (view, names ^ planned)
+        # is_good has read the stamp of each ticket's raw frame: there is none without a ticket
+        raw = os.listdir(os.path.join(takes.folder(rig, status["id"]), f"cam{view}", "raw"))
+        kept = {f"{t['shot']}-{t['attempt']}.raw" for t in tickets if t["camera"] == view}
+        assert set(raw) == kept, (view, set(raw) ^ kept)
 
 
 def test_four_cameras_that_do_not_fit_their_link_are_refused(folder):
