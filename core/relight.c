@@ -8,12 +8,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-enum {
-    PANEL = LS_ACCUMULATE_PANEL,
-    ROW = LS_ACCUMULATE_ROW,
-    ACC_BYTES = 96 * 1024,
-    APART = 16, /* floats, or the same place of every sum would share a set of the first cache */
-};
+enum { CHUNK = 512, ROW = LS_ACCUMULATE_ROW };
 
 /** One call of ls_accumulate. */
 struct pass {
@@ -25,9 +20,7 @@ struct pass {
     size_t row_stride, sum_stride;
     float *sums;
     float *weights; /* [n_pictures][n_sums] */
-    uint32_t chunk; /* pixels summed at a time, so that their sums stay in the second cache */
-    size_t acc_stride;
-    float *acc;     /* [n_sums][acc_stride] */
+    float *acc;     /* [n_sums][CHUNK], of tiles that are narrower than others */
     uint32_t *used; /* [n_used], pictures with a weight */
     uint32_t n_used;
     const void **halfs; /* [n_pictures], of the tile at hand */
@@ -58,7 +51,7 @@ static void hand_over(const struct pass *pass, const struct tile *tile, uint32_t
         for (uint32_t q = 0; q < pass->job->n_sums; q++)
             memcpy(pass->sums + q * pass->sum_stride + (tile->y + y) * pass->row_stride + tile->x +
                        x,
-                   pass->acc + q * pass->acc_stride + (at - first), sizeof *pass->acc * n);
+                   pass->acc + (size_t)q * CHUNK + (at - first), sizeof *pass->acc * n);
         at += n;
     }
 }
@@ -122,19 +115,17 @@ static uint32_t list_pictures(struct pass *pass, const struct tile *tile)
     return n;
 }
 
-/* Many sums go straight to their place, since what is written once need not lie close together; few
- * are added to by every group of pictures, and are handed over. */
 static void run_tile(struct pass *pass, const struct tile *tile)
 {
     uint32_t n = list_pictures(pass, tile), pixels = tile->width * tile->height;
-    if (pass->job->n_sums > LS_ACCUMULATE_BLOCK && tile->width == ROW) {
+    if (tile->width == ROW) {
         run_chunk(pass, n, 0, pixels, pass->sums + tile->y * pass->row_stride + tile->x,
                   pass->row_stride, pass->sum_stride);
         return;
     }
-    for (uint32_t first = 0; first < pixels; first += pass->chunk) {
-        uint32_t count = pixels - first < pass->chunk ? pixels - first : pass->chunk;
-        run_chunk(pass, n, first, count, pass->acc, ROW, pass->acc_stride);
+    for (uint32_t first = 0; first < pixels; first += CHUNK) {
+        uint32_t count = pixels - first < CHUNK ? pixels - first : CHUNK;
+        run_chunk(pass, n, first, count, pass->acc, ROW, CHUNK);
         hand_over(pass, tile, first, count);
     }
 }
@@ -217,13 +208,6 @@ static void prepare(struct pass *pass)
     }
 }
 
-static uint32_t chunk_px(uint32_t n_sums)
-{
-    uint32_t fit = ACC_BYTES / (uint32_t)sizeof(float) / n_sums / PANEL * PANEL;
-    uint32_t tile = LS_TILE_SIDE * LS_TILE_SIDE;
-    return fit < PANEL ? PANEL : fit < tile ? fit : tile;
-}
-
 enum ls_err ls_accumulate_with(const struct ls_accumulate_kernels *kernels,
                                const struct ls_field *field, const struct ls_accumulate_job *job,
                                const struct ls_tile_region *region, float *sums,
@@ -242,8 +226,6 @@ enum ls_err ls_accumulate_with(const struct ls_accumulate_kernels *kernels,
                         .row_stride = job->row_stride,
                         .sum_stride = job->sum_stride,
                         .sums = sums,
-                        .chunk = chunk_px(job->n_sums),
-                        .acc_stride = chunk_px(job->n_sums) + APART,
                         .report = report ? report : &unused};
     if (!pass.row_stride)
         pass.row_stride = pass.width;
@@ -253,8 +235,8 @@ enum ls_err ls_accumulate_with(const struct ls_accumulate_kernels *kernels,
     LS_CLEANUP_FREE float *weights = malloc((n * job->n_sums + 1) * sizeof *weights);
     LS_CLEANUP_FREE float *packed =
         malloc(ls_accumulate_padded(job->n_pictures) * job->n_sums * sizeof *packed + 1);
-    LS_CLEANUP_FREE float *acc = malloc(pass.acc_stride * job->n_sums * sizeof *acc);
-    LS_CLEANUP_FREE void *room = malloc(2 * PANEL * ls_accumulate_padded(job->n_pictures) + 1);
+    LS_CLEANUP_FREE float *acc = malloc(CHUNK * job->n_sums * sizeof *acc);
+    LS_CLEANUP_FREE void *room = malloc(ls_accumulate_room(job->n_pictures, job->n_sums) + 1);
     LS_CLEANUP_FREE uint32_t *used = malloc((n + 1) * sizeof *used);
     LS_CLEANUP_FREE const void **halfs = malloc((n + 1) * sizeof *halfs);
     LS_CLEANUP_FREE const float **w = malloc((n + 1) * sizeof *w);

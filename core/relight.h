@@ -55,7 +55,7 @@ struct ls_accumulate_report {
  * ascending order, all in float. Every instruction set returns the same bits, whatever the region,
  * the number of threads or what is summed beside. A stored Inf or NaN counts as 0 and is counted in
  * the report.
- * Allocates copies of the weights, the sums of a tile, and room for 128 pixels of each picture.
+ * Allocates copies of the weights, and the sums of a tile or room for 512 pixels of each picture.
  * Errors: LS_ERR_INVALID (region, a weight that is not finite, max_error without tile_max),
  * LS_ERR_NOMEM.
  */

@@ -198,7 +198,7 @@ static unsigned run(const struct ls_accumulate_kernels *kernels, const void *con
 {
     size_t padded = ls_accumulate_padded(n);
     g_autofree float *packed = g_new(float, padded *n_sums);
-    g_autofree uint8_t *room = g_new(uint8_t, 2 * LS_ACCUMULATE_PANEL * padded);
+    g_autofree uint8_t *room = g_malloc(ls_accumulate_room(n, n_sums) + 1);
     struct ls_accumulate_terms terms = {halfs, packed, n, n_sums, room};
     ls_accumulate_pack(w, n, n_sums, packed);
     return kernels->sum(&terms, first, count, acc, LS_ACCUMULATE_ROW, stride);
