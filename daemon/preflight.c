@@ -5,6 +5,7 @@
 #include "daemon/bracket.h"
 #include "daemon/exposure_fit.h"
 #include "daemon/flashing.h"
+#include "daemon/led_record.h"
 #include "daemon/plan_load.h"
 
 #include <math.h>
@@ -330,6 +331,14 @@ static void warn_of_cameras(const struct ls_preflight_input *in, struct ls_prefl
     }
 }
 
+static void warn_of_leds(const struct ls_preflight_input *in, struct ls_preflight *out)
+{
+    char text[512];
+    ls_led_record_say(in->led_record, text, sizeof text);
+    if (text[0])
+        warn(out, "%s", text);
+}
+
 enum ls_err ls_preflight_check(const struct ls_preflight_input *in, struct ls_preflight *out,
                                struct ls_diag *diag)
 {
@@ -359,6 +368,7 @@ enum ls_err ls_preflight_check(const struct ls_preflight_input *in, struct ls_pr
         err = weigh(in, out, diag);
     if (err)
         return err;
+    warn_of_leds(in, out);
     warn_of_darks(in, out);
     warn_of_calibration(in, out);
     warn_of_multiplexing(in, out);

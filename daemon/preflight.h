@@ -10,6 +10,8 @@
 #include "daemon/engine.h"
 #include "daemon/plan.h"
 
+#include <jansson.h>
+
 /** What the devices said, and what is calibrated. */
 struct ls_preflight_input {
     const struct ls_config *config;
@@ -18,6 +20,7 @@ struct ls_preflight_input {
     const struct ls_lights_status *status;       /* of now; NULL = not asked */
     const struct ls_camera_info *const *cameras; /* config->n_cameras, applied */
     const struct ls_calibration *calibration;    /* NULL = none */
+    const json_t *led_record;                    /* daemon/led_record.h; NULL = none */
     uint64_t disk_free_bytes;
     const uint8_t *condition_done; /* per condition: published already (resume); NULL = none */
 };
@@ -30,7 +33,7 @@ struct ls_preflight_input {
  *   LS_ERR_REFUSED  interlock open, E-stop pressed or the dome hot; a live subject would see
  * flashes (daemon/flashing.h) and allow_flashing is not set LS_ERR_FULL     the take would not fit
  * the disk Warnings do not refuse: uncalibrated patterns, settings a camera cannot prove, few
- * darks; and what multiplexing gains and loses.
+ * darks; LEDs that the last sweep found dead or dim; and what multiplexing gains and loses.
  */
 LS_MUST_CHECK enum ls_err ls_preflight_check(const struct ls_preflight_input *input,
                                              struct ls_preflight *out, struct ls_diag *diag);

@@ -6,6 +6,7 @@
 #include "core/pixel.h"
 #include "daemon/bracket.h"
 #include "daemon/findings.h"
+#include "daemon/led_record.h"
 #include "daemon/preflight.h"
 #include "daemon/rig.h"
 #include "daemon/store.h"
@@ -31,7 +32,8 @@ struct ls_take {
     struct ls_rig rig;
     struct ls_store *store;
     struct ls_checks *checks;
-    char said[384]; /* by the checks of a sweep */
+    json_t *led_record; /* of the last sweep, NULL if there is none */
+    char said[384];     /* by the checks of a sweep */
     struct ls_capture *capture;
     uint8_t *done; /* per condition, of a resumed take */
     float **darks; /* [camera * n_exposures + exposure], of a resumed take */
@@ -67,6 +69,7 @@ static enum ls_err preflight(struct ls_take *take, struct ls_preflight *out, uin
         .calibration = take->context->calibration,
         .disk_free_bytes = (uint64_t)fs.f_bavail * fs.f_frsize,
         .condition_done = take->done,
+        .led_record = take->led_record,
     };
     *need_bytes = ls_preflight_bytes(&in);
     return ls_preflight_check(&in, out, diag);
@@ -83,6 +86,7 @@ static struct ls_take_document document(const struct ls_take *take, const char *
         .reference_exposure_s = reference_exposure_s(take),
         .calibration_json = take->context->calibration_json,
         .calibration = take->context->calibration,
+        .led_record = take->led_record,
     };
 }
 
@@ -231,6 +235,8 @@ static enum ls_err prepare(const struct ls_take_context *context, const char *pl
     take->own.config = &take->config;
     take->context = &take->own;
     enum ls_err err = ls_plan_parse(plan_text, context->config, &take->plan, diag);
+    if (!err)
+        err = ls_led_record_read(context->config->storage, &take->led_record, diag);
     if (!err)
         err = ls_rig_open(context->config, stop, &take->rig, diag);
     if (!err) {
@@ -443,8 +449,17 @@ static enum ls_err say_warnings(struct ls_take *take, const json_t *checks, stru
     return err;
 }
 
-static enum ls_err put_findings(struct ls_take *take, const char *take_json, char **text,
-                                struct ls_diag *diag)
+/* For the takes to come. A disk that does not take it is no fault of this one. */
+static enum ls_err keep_record(struct ls_take *take, const json_t *checks, struct ls_diag *diag)
+{
+    struct ls_diag why = {{0}};
+    if (!ls_led_record_write(take->context->config->storage, ls_take_id(take), checks, &why))
+        return LS_OK;
+    return ls_store_alarm(take->store, why.text, diag);
+}
+
+static enum ls_err put_findings(struct ls_take *take, const char *take_json, bool complete,
+                                char **text, struct ls_diag *diag)
 {
     struct ls_findings findings;
     LS_CLEANUP_FREE char *found = NULL;
@@ -455,6 +470,8 @@ static enum ls_err put_findings(struct ls_take *take, const char *take_json, cha
         err = ls_checks_conclude(take->checks, &findings, &checks, diag);
     if (!err && checks && take->plan->sweep)
         err = say_warnings(take, checks, diag);
+    if (!err && checks && take->plan->sweep && complete)
+        err = keep_record(take, checks, diag);
     if (!err)
         err = ls_checks_put(take->checks, checks, found, text, diag);
     json_decref(checks);
@@ -477,7 +494,8 @@ static enum ls_err close_books(struct ls_take *take, enum ls_err ran, enum ls_ta
     char **missing = list_missing(take, dir, &n_missing);
     *state = end_state(ran, n_missing);
     snprintf(first_missing, room, "%zu of them, first %s", n_missing, n_missing ? missing[0] : "-");
-    err = missing ? put_findings(take, dir->take_json, &take_json, diag) : LS_ERR_NOMEM;
+    err = missing ? put_findings(take, dir->take_json, *state == LS_TAKE_COMPLETE, &take_json, diag)
+                  : LS_ERR_NOMEM;
     const struct ls_store_end end = {.state = store_state(*state),
                                      .take_json = take_json,
                                      .missing = (const char *const *)missing,
@@ -545,6 +563,7 @@ void ls_take_destroy(struct ls_take *take)
         return;
     ls_capture_destroy(take->capture);
     ls_checks_destroy(take->checks);
+    json_decref(take->led_record);
     ls_store_close(take->store, NULL);
     ls_rig_close(&take->rig);
     if (take->darks)

@@ -200,6 +200,8 @@ enum ls_err ls_take_json_make(const struct ls_take_document *d, char **text, str
                             d->reference_exposure_s, "calibration", calibration);
     if (doc && d->preflight)
         json_object_set_new(doc, "preflight", preflight_json(d->preflight));
+    if (doc && d->led_record)
+        json_object_set(doc, "led_sweep", d->led_record);
     if (doc && d->token && *d->token)
         json_object_set_new(doc, "token", json_string(d->token));
     *text = doc ? json_dumps(doc, JSON_COMPACT | JSON_REAL_PRECISION(17)) : NULL;

@@ -24,6 +24,7 @@
  *   "exposure_s" [] (as used, shortest first), "reference_exposure_s",
  *   "preflight" { "seconds", "bytes", "energy_j", "peak_current_a",
  *     "led_duty", "dark_noise_share", "warnings" [] } (struct ls_preflight of daemon/engine.h),
+ *   "led_sweep" (daemon/led_record.h: what the last sweep before this take found),
  *   "calibration" (core/calibration.h) or null; "token" of the client that started it; once a run
  *   has ended "darks" and "clocks" (daemon/findings.h), "drift" and "checks" (daemon/checks.h).
  */
@@ -49,6 +50,7 @@ struct ls_take_document {
     const struct ls_camera_info *const *cameras; /* config->n_cameras of them */
     double reference_exposure_s;
     const struct ls_preflight *preflight;     /* NULL = none */
+    json_t *led_record;                       /* daemon/led_record.h; NULL = none */
     const char *calibration_json;             /* NULL = none */
     const struct ls_calibration *calibration; /* the same, parsed */
 };
