@@ -175,7 +175,7 @@ struct ls_lights;
  * Connect and identify. Errors: LS_ERR_NOT_FOUND (no such driver), LS_ERR_GONE (nobody there),
  * LS_ERR_TIMEOUT, LS_ERR_UNSUPPORTED (other contract version or not a dome at all), LS_ERR_INVALID
  * (no usable address, rate or timeout; several controllers that it names), LS_ERR_REFUSED (this
- * user may not open it), LS_ERR_BUSY (another process has it), LS_ERR_NOMEM. Who reconnects later
+ * user may not open it), LS_ERR_BUSY (it is in use), LS_ERR_NOMEM. Who reconnects later
  * can meet the same.
  * @out: (transfer full), released by ls_lights_close.
  */

@@ -20,21 +20,23 @@
 struct urb {
     UMockdevIoctlData *data, *buffer; /* buffer NULL: none */
     unsigned long address;            /* the host's */
+    const UMockdevIoctlClient *owner; /* whoever opened the node and submitted it */
 };
 
 struct usb {
     UMockdevTestbed *testbed;
     UMockdevIoctlBase *ioctls;
-    gulong handler;
+    gulong handler, vanished;
     int device_number;
     bool plugged;
     char syspath[64], node[64]; /* of this plugging */
     int ready;                  /* descriptor the host polls, see make_pollable */
     /* under the controller's lock */
-    GQueue waiting, done; /* struct urb */
-    bool halted;          /* the event endpoint */
-    uint32_t next_event;  /* to be sent */
-    uint32_t boot;        /* of it, as the arm */
+    GQueue waiting, done;               /* struct urb */
+    const UMockdevIoctlClient *claimer; /* has the interface; NULL: nobody */
+    bool halted;                        /* the event endpoint */
+    uint32_t next_event;                /* to be sent */
+    uint32_t boot;                      /* of it, as the arm */
     uint16_t arm;
     uint16_t packets;
 };
@@ -145,9 +147,10 @@ static void submit(struct sim_controller *c, struct usb *usb, struct urb *urb)
 
 /* ---- ioctls, on a thread of umockdev's ---- */
 
-static struct urb *urb_of(UMockdevIoctlData *arg)
+static struct urb *urb_of(UMockdevIoctlData *arg, const UMockdevIoctlClient *owner)
 {
     struct urb *urb = g_new0(struct urb, 1);
+    urb->owner = owner;
     memcpy(&urb->address, arg->data, sizeof urb->address);
     urb->data = umockdev_ioctl_data_resolve(arg, 0, sizeof(struct usbdevfs_urb), NULL);
     if (urb->data && usbdevfs(urb)->buffer_length > 0)
@@ -156,9 +159,10 @@ static struct urb *urb_of(UMockdevIoctlData *arg)
     return urb;
 }
 
-static int do_submit(struct sim_controller *c, struct usb *usb, UMockdevIoctlData *arg)
+static int do_submit(struct sim_controller *c, struct usb *usb, const UMockdevIoctlClient *client,
+                     UMockdevIoctlData *arg)
 {
-    struct urb *urb = urb_of(arg);
+    struct urb *urb = urb_of(arg, client);
     if (!urb->buffer) {
         urb_free(urb);
         return EINVAL;
@@ -173,7 +177,8 @@ static int do_submit(struct sim_controller *c, struct usb *usb, UMockdevIoctlDat
     return there ? 0 : ENODEV;
 }
 
-static int do_discard(struct sim_controller *c, struct usb *usb, UMockdevIoctlData *arg)
+static int do_discard(struct sim_controller *c, struct usb *usb, const UMockdevIoctlClient *client,
+                      UMockdevIoctlData *arg)
 {
     unsigned long address;
     int error = EINVAL;
@@ -181,7 +186,7 @@ static int do_discard(struct sim_controller *c, struct usb *usb, UMockdevIoctlDa
     pthread_mutex_lock(&c->lock);
     for (GList *link = usb->waiting.head; link; link = link->next) {
         struct urb *urb = link->data;
-        if (urb->address != address)
+        if (urb->address != address || urb->owner != client)
             continue;
         g_queue_delete_link(&usb->waiting, link);
         give_back(usb, urb, -ENOENT, 0);
@@ -192,12 +197,25 @@ static int do_discard(struct sim_controller *c, struct usb *usb, UMockdevIoctlDa
     return error;
 }
 
+/** The first that has come back to @client: another's is memory of another libusb. */
+static struct urb *pop_done(struct usb *usb, const UMockdevIoctlClient *client)
+{
+    for (GList *link = usb->done.head; link; link = link->next) {
+        struct urb *urb = link->data;
+        if (urb->owner != client)
+            continue;
+        g_queue_delete_link(&usb->done, link);
+        return urb;
+    }
+    return NULL;
+}
+
 /** Completing the ioctl carries the transfer's data over, so it is done here. */
 static bool do_reap(struct sim_controller *c, struct usb *usb, UMockdevIoctlClient *client,
                     UMockdevIoctlData *arg, int *error)
 {
     pthread_mutex_lock(&c->lock);
-    struct urb *urb = g_queue_pop_head(&usb->done);
+    struct urb *urb = pop_done(usb, client);
     if (!usb->done.length && usb->plugged)
         set_ready(usb, false);
     *error = usb->plugged ? EAGAIN : ENODEV;
@@ -232,8 +250,48 @@ static int do_clear_halt(struct sim_controller *c, struct usb *usb)
     return 0;
 }
 
-static int answer(struct sim_controller *c, struct usb *usb, unsigned long request,
-                  UMockdevIoctlData *arg)
+/** The interface is one opener's, as the kernel has it. */
+static int do_claim(struct sim_controller *c, struct usb *usb, const UMockdevIoctlClient *client,
+                    bool claim)
+{
+    pthread_mutex_lock(&c->lock);
+    bool free_or_ours = !usb->claimer || usb->claimer == client;
+    if (free_or_ours)
+        usb->claimer = claim ? client : NULL;
+    pthread_mutex_unlock(&c->lock);
+    return free_or_ours ? 0 : claim ? EBUSY : EINVAL;
+}
+
+static void drop_of(GQueue *queue, const UMockdevIoctlClient *client)
+{
+    for (GList *link = queue->head, *next; link; link = next) {
+        struct urb *urb = link->data;
+        next = link->next;
+        if (urb->owner != client)
+            continue;
+        g_queue_delete_link(queue, link);
+        urb_free(urb);
+    }
+}
+
+/** It closed the node, or died: what was its is nobody's. */
+static void on_vanished(UMockdevIoctlBase *base, UMockdevIoctlClient *client, gpointer user)
+{
+    (void)base;
+    struct sim_controller *c = user;
+    struct usb *usb = c->wire_data;
+    pthread_mutex_lock(&c->lock);
+    drop_of(&usb->waiting, client);
+    drop_of(&usb->done, client);
+    if (usb->claimer == client)
+        usb->claimer = NULL;
+    if (!usb->done.length && usb->plugged)
+        set_ready(usb, false);
+    pthread_mutex_unlock(&c->lock);
+}
+
+static int answer(struct sim_controller *c, struct usb *usb, const UMockdevIoctlClient *client,
+                  unsigned long request, UMockdevIoctlData *arg)
 {
     pthread_mutex_lock(&c->lock);
     bool there = usb->plugged;
@@ -242,9 +300,9 @@ static int answer(struct sim_controller *c, struct usb *usb, unsigned long reque
         return ENODEV;
     switch (request) {
     case USBDEVFS_SUBMITURB:
-        return do_submit(c, usb, arg);
+        return do_submit(c, usb, client, arg);
     case USBDEVFS_DISCARDURB:
-        return do_discard(c, usb, arg);
+        return do_discard(c, usb, client, arg);
     case USBDEVFS_GET_CAPABILITIES:
         return do_capabilities(arg);
     case USBDEVFS_CLEAR_HALT:
@@ -252,7 +310,9 @@ static int answer(struct sim_controller *c, struct usb *usb, unsigned long reque
     case USBDEVFS_GETDRIVER:
         return ENODATA;
     case USBDEVFS_CLAIMINTERFACE:
+        return do_claim(c, usb, client, true);
     case USBDEVFS_RELEASEINTERFACE:
+        return do_claim(c, usb, client, false);
     case USBDEVFS_SETINTERFACE:
     case USBDEVFS_SETCONFIGURATION:
     case USBDEVFS_RESET:
@@ -274,7 +334,7 @@ static gboolean on_ioctl(UMockdevIoctlBase *base, UMockdevIoctlClient *client, g
         if (do_reap(c, usb, client, arg, &error))
             return TRUE;
     } else {
-        error = answer(c, usb, request, arg);
+        error = answer(c, usb, client, request, arg);
     }
     umockdev_ioctl_client_complete(client, error ? -1 : 0, error);
     return TRUE;
@@ -319,6 +379,7 @@ static void unplug(struct sim_controller *c, struct usb *usb)
     struct urb *urb;
     pthread_mutex_lock(&c->lock);
     usb->plugged = false;
+    usb->claimer = NULL;
     while ((urb = g_queue_pop_head(&usb->waiting)))
         give_back(usb, urb, -ESHUTDOWN, 0);
     set_ready(usb, true);
@@ -374,6 +435,7 @@ static enum ls_err usb_open(struct sim_controller *c, struct ls_diag *diag)
                        "LD_PRELOAD=libumockdev-preload.so.0");
     usb->ioctls = umockdev_ioctl_base_new();
     usb->handler = g_signal_connect(usb->ioctls, "handle-ioctl", G_CALLBACK(on_ioctl), c);
+    usb->vanished = g_signal_connect(usb->ioctls, "client-vanished", G_CALLBACK(on_vanished), c);
     char *root = umockdev_testbed_get_root_dir(usb->testbed);
     snprintf(c->path, sizeof c->path, "%s", root);
     g_free(root);
@@ -392,6 +454,8 @@ static void usb_close(struct sim_controller *c)
         unplug(c, usb);
     if (usb->handler)
         g_signal_handler_disconnect(usb->ioctls, usb->handler);
+    if (usb->vanished)
+        g_signal_handler_disconnect(usb->ioctls, usb->vanished);
     g_queue_clear_full(&usb->waiting, urb_free);
     g_queue_clear_full(&usb->done, urb_free);
     if (usb->testbed)

@@ -126,7 +126,8 @@ static enum ls_err failed(struct usb_link *u, const char *doing, int error, stru
                        "let this user open it",
                        serial, doing);
     if (error == LIBUSB_ERROR_BUSY)
-        return ls_fail(diag, LS_ERR_BUSY, "USB controller \"%s\": %s: another process has it",
+        return ls_fail(diag, LS_ERR_BUSY,
+                       "USB controller \"%s\": %s: it is in use, by this or another process",
                        serial, doing);
     if (error == LIBUSB_ERROR_TIMEOUT)
         return ls_fail(diag, LS_ERR_TIMEOUT, "USB controller \"%s\": %s: no answer within %u ms",

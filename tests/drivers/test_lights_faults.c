@@ -120,6 +120,22 @@ static void test_interlock(gconstpointer driver)
     open_interlock(driver, 100);
 }
 
+/* A controller on USB is one opener's, also within a process; the first goes on as if nothing was. */
+static void test_second_opener(gconstpointer driver)
+{
+    struct stand s = stand_up(driver, NULL);
+    struct ls_lights_config config = dome_address(&s.dome);
+    struct ls_diag diag = {0};
+    for (int i = 0; i < 3; i++) {
+        struct ls_lights *second;
+        g_assert_cmpint(ls_lights_open(&config, &second, &diag), ==, LS_ERR_BUSY);
+        g_test_message("%s", diag.text);
+        g_assert_nonnull(strstr(diag.text, "in use"));
+        g_assert_cmpint(status_of(s.lights).state, ==, LS_LIGHTS_IDLE);
+    }
+    stand_down(&s);
+}
+
 static void test_stall(gconstpointer driver)
 {
     struct sim_controller_config config = small(driver);
@@ -356,6 +372,7 @@ int main(int argc, char **argv)
         {"a-mute-peer-costs-one-timeout", test_mute_peer, TCP},
         {"a-silent-host-means-dark-lights", test_heartbeat},
         {"an-open-interlock-latches-until-closed-and-loaded", test_interlock},
+        {"a-second-opener-is-told-that-it-is-in-use", test_second_opener, USB},
         {"a-stall-is-flagged-late", test_stall},
         {"a-closed-connection-loses-no-event", test_disconnect},
         {"a-restarted-controller-is-noticed", test_restarted},
