@@ -231,10 +231,6 @@ static gpointer engine(gpointer data)
             g_cond_wait(&rig->changed, &rig->lock);
             continue;
         }
-        /* late by the host's scheduling is still exact by the controller's clock; late by credit
-         * is late */
-        if (rig->next_ns + 5000000 < now)
-            rig->next_ns = now;
         if (rig->next_ns > now) {
             gint64 until = g_get_monotonic_time() + (gint64)(rig->next_ns - now) / 1000 + 1;
             g_cond_wait_until(&rig->changed, &rig->lock, until);
@@ -297,7 +293,12 @@ enum ls_err ls_lights_grant(struct ls_lights *lights, uint32_t n_steps, struct l
     g_mutex_lock(&rig->lock);
     g_assert_cmpuint(n_steps, >=, rig->granted);
     g_assert_cmpuint(n_steps, <=, rig->n_steps);
-    release(rig, ls_host_ns());
+    /* late by credit is late; late by the host's scheduling is still exact by the controller's
+     * clock */
+    uint64_t now = ls_host_ns();
+    if (rig->fired == rig->granted && rig->next_ns < now)
+        rig->next_ns = now;
+    release(rig, now);
     rig->granted = n_steps;
     g_cond_broadcast(&rig->changed);
     g_mutex_unlock(&rig->lock);
