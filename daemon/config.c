@@ -21,7 +21,7 @@ static const char *const channel_kinds[] = {"spectrum", "polariser", NULL};
 
 static const char *const unit_words[] = {"m", "cm", "mm", NULL};
 static const char *const trigger_words[] = {"line", "software", NULL};
-static const char *const exposure_words[] = {"width", "timed", NULL};
+static const char *const exposure_words[] = {"width", "timed", "auto", NULL};
 
 /* A path in a configuration file is relative to that file. Takes @path (transfer full). */
 static char *beside(const char *file, char *path)
@@ -120,9 +120,7 @@ static void read_camera_driver(struct ls_conf *c, struct ls_camera_config *d)
     d->trigger =
         ls_conf_word(c, "trigger", trigger_words, 0) ? LS_TRIGGER_SOFTWARE : LS_TRIGGER_LINE;
     d->exposure =
-        ls_conf_word(c, "exposure", exposure_words, d->trigger == LS_TRIGGER_SOFTWARE ? 1 : 0)
-            ? LS_EXPOSURE_TIMED
-            : LS_EXPOSURE_WIDTH;
+        (enum ls_camera_exposure)ls_conf_word(c, "exposure", exposure_words, LS_EXPOSURE_AUTO);
     d->exposure_us = TIMED_US;
     d->rt_priority = (int)ls_conf_int(c, "rt_priority", 20, 0, 98);
     if (d->trigger == LS_TRIGGER_SOFTWARE && d->exposure == LS_EXPOSURE_WIDTH)

@@ -26,8 +26,8 @@ enum { DARK_LIMIT_BYTES = 1 << 30 };
 struct ls_take {
     const struct ls_take_context *context; /* `own` */
     struct ls_take_context own;
-    struct ls_config
-        config; /* the configuration, and offsets an earlier run measured; strings are its */
+    struct ls_config config; /* the configuration, how each camera exposes, and offsets an earlier
+                                run measured; strings are its */
     struct ls_plan *plan;
     struct ls_rig rig;
     struct ls_store *store;
@@ -241,7 +241,9 @@ static enum ls_err prepare(const struct ls_take_context *context, const char *pl
         err = ls_rig_open(context->config, stop, &take->rig, diag);
     if (!err) {
         ls_plan_fit_current(take->plan, ls_lights_info(take->rig.lights));
-        ls_bracket_choose(take->plan, context->config);
+        for (uint32_t i = 0; i < take->config.n_cameras; i++)
+            take->config.cameras[i].driver.exposure = take->rig.camera_infos[i]->exposure;
+        ls_bracket_choose(take->plan, &take->config);
     }
     take->checks = err ? NULL : ls_checks_create(context->config, take->plan);
     if (!err && !take->checks)

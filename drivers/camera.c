@@ -22,7 +22,6 @@ struct ls_camera {
     struct ls_camera_info info;
     char address[INET_ADDRSTRLEN];
     enum ls_camera_trigger trigger;
-    enum ls_camera_exposure exposure;
     bool applied;
     atomic_bool started;
     _Atomic uint32_t n_slots;
@@ -77,7 +76,7 @@ static enum ls_err check_config(const struct ls_camera_config *c, struct ls_diag
                        c->packet_size, MIN_PACKET_BYTES, MAX_PACKET_BYTES);
     if (!isfinite(c->gain) || !isfinite(c->black_level))
         return ls_fail(diag, LS_ERR_INVALID, "camera %s: gain and black level must be numbers", at);
-    if (c->exposure == LS_EXPOSURE_TIMED && !(c->exposure_us > 0 && c->exposure_us <= 6e7))
+    if (c->exposure != LS_EXPOSURE_WIDTH && !(c->exposure_us > 0 && c->exposure_us <= 6e7))
         return ls_fail(diag, LS_ERR_INVALID, "camera %s: exposure %g us: expected (0, 6e7]", at,
                        c->exposure_us);
     if (c->exposure == LS_EXPOSURE_WIDTH && c->trigger == LS_TRIGGER_SOFTWARE)
@@ -106,7 +105,6 @@ enum ls_err ls_camera_apply(struct ls_camera *camera, const struct ls_camera_con
     if (err)
         return err;
     camera->trigger = config->trigger;
-    camera->exposure = config->exposure;
     camera->applied = true;
     return LS_OK;
 }
@@ -180,7 +178,7 @@ enum ls_err ls_camera_set_exposure(struct ls_camera *camera, double *exposure_us
                                    struct ls_diag *diag)
 {
     struct ls_camera_control control = {.verb = LS_CAMERA_EXPOSURE, .exposure_us = *exposure_us};
-    if (!camera->applied || camera->exposure != LS_EXPOSURE_TIMED)
+    if (!camera->applied || camera->info.exposure != LS_EXPOSURE_TIMED)
         return ls_fail(diag, LS_ERR_STATE, "camera %s: not set up for timed exposure",
                        camera->address);
     if (!(*exposure_us > 0 && *exposure_us <= 6e7))

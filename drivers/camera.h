@@ -26,6 +26,7 @@ enum ls_camera_trigger {
 enum ls_camera_exposure {
     LS_EXPOSURE_WIDTH, /* ExposureMode TriggerWidth: the pulse is the exposure (+ offset) */
     LS_EXPOSURE_TIMED, /* ExposureTime register */
+    LS_EXPOSURE_AUTO,  /* width where a line triggers it and it offers that, else timed */
 };
 
 struct ls_camera_config {
@@ -41,7 +42,7 @@ struct ls_camera_config {
     bool chunks;
     enum ls_camera_trigger trigger;
     enum ls_camera_exposure exposure;
-    double exposure_us; /* Timed only */
+    double exposure_us; /* not width */
     int rt_priority;    /* SCHED_FIFO priority of the driver's receive thread, 0 = none */
 };
 
@@ -58,9 +59,10 @@ struct ls_camera_info {
     uint32_t receive_buffer_bytes; /* UDP only: what the kernel grants of the 32 MiB it should be;
                                       with less, frames are lost. 0 with a packet socket */
     bool realtime;                 /* the receive thread runs at rt_priority; known after start */
-    double exposure_us;            /* Timed: as read back */
-    double gain, black_level;      /* as read back; 0 if it has none */
-    char unverified[512];          /* settings it cannot set or prove, comma-separated; "" = none */
+    enum ls_camera_exposure exposure; /* as applied: width or timed */
+    double exposure_us;               /* Timed: as read back */
+    double gain, black_level;         /* as read back; 0 if it has none */
+    char unverified[512]; /* settings it cannot set or prove, comma-separated; "" = none */
 };
 
 enum ls_frame_status {

@@ -70,6 +70,7 @@ struct sim_camera_config {
     uint64_t clock_epoch_ticks; /* camera clock (1 GHz) at create */
     uint64_t first_block;       /* id of the first frame after AcquisitionStart; 0 = 1 */
     bool rolling;               /* SensorShutterMode says Rolling */
+    bool timed_only;            /* ExposureMode TriggerWidth is not available */
     struct sim_camera_faults faults;
 };
 

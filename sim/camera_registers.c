@@ -365,6 +365,7 @@ static void power_up_features(struct sim_registers *r)
     set(r, SIM_REG_HEIGHT, config->sensor_height);
     set(r, SIM_REG_PIXEL_FORMAT, config->pixel_format ? config->pixel_format : pixel_formats[0]);
     set(r, SIM_REG_SHUTTER_MODE, config->rolling);
+    set(r, SIM_REG_HAS_TRIGGER_WIDTH, !config->timed_only);
     set(r, SIM_REG_FRAME_RATE, float_word((float)(rate < 25 ? rate : 25)));
     set(r, SIM_REG_EXPOSURE_TIME, float_word(1000));
     set(r, SIM_REG_BLACK_LEVEL, float_word((float)config->black_level_dn));

@@ -91,6 +91,7 @@ static const struct sim_key camera_keys[] = {
      SIM_RANGE(struct camera, wire.clock_epoch_ticks, 0, I64_MAX)},
     {"first_block", SIM_KEY_U64, SIM_RANGE(struct camera, wire.first_block, 1, 65535)},
     {"rolling", SIM_KEY_BOOL, SIM_FIELD(struct camera, wire.rolling)},
+    {"timed_only", SIM_KEY_BOOL, SIM_FIELD(struct camera, wire.timed_only)},
     {NULL},
 };
 

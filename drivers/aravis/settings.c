@@ -256,9 +256,28 @@ static enum ls_err set_analog(struct pass *p, const struct ls_camera_config *con
     return check_black_level(p);
 }
 
+static bool offers_width(struct pass *p)
+{
+    return available(p, "ExposureMode") && arv_device_is_enumeration_entry_available(
+                                               p->device, "ExposureMode", "TriggerWidth", NULL);
+}
+
+static enum ls_camera_exposure choose_exposure(struct pass *p,
+                                               const struct ls_camera_config *config)
+{
+    if (config->exposure != LS_EXPOSURE_AUTO)
+        return config->exposure;
+    return config->trigger == LS_TRIGGER_LINE && offers_width(p) ? LS_EXPOSURE_WIDTH
+                                                                 : LS_EXPOSURE_TIMED;
+}
+
 static enum ls_err set_exposure_mode(struct pass *p, const struct ls_camera_config *config)
 {
     bool width = config->exposure == LS_EXPOSURE_WIDTH;
+    if (width && available(p, "ExposureMode") && !offers_width(p))
+        return ls_fail(p->diag, LS_ERR_UNSUPPORTED,
+                       "camera %s: its ExposureMode offers no TriggerWidth: use timed exposure",
+                       p->address);
     if (available(p, "ExposureMode"))
         return set_text(p, "ExposureMode", width ? "TriggerWidth" : "Timed");
     if (width)
@@ -443,12 +462,15 @@ static void forget(struct ls_camera_info *info, struct ls_aravis_setup *setup)
 }
 
 enum ls_err ls_aravis_apply(ArvCamera *camera, const char *address,
-                            const struct ls_camera_config *config, struct ls_aravis_setup *setup,
+                            const struct ls_camera_config *given, struct ls_aravis_setup *setup,
                             struct ls_camera_info *info, struct ls_diag *diag)
 {
     struct pass p = {camera, arv_camera_get_device(camera), address, info, diag};
+    struct ls_camera_config chosen = *given;
+    const struct ls_camera_config *config = &chosen;
     enum ls_err err;
     forget(info, setup);
+    chosen.exposure = info->exposure = choose_exposure(&p, given);
     arv_camera_stop_acquisition(camera, NULL); /* left running by another host: may be refused */
     err = refuse_rolling(&p);
     if (!err)
@@ -467,9 +489,7 @@ enum ls_err ls_aravis_apply(ArvCamera *camera, const char *address,
         err = set_stream(&p, config, setup);
     if (err)
         return err;
-    info->has_trigger_width =
-        config->exposure == LS_EXPOSURE_WIDTH ||
-        arv_device_is_enumeration_entry_available(p.device, "ExposureMode", "TriggerWidth", NULL);
+    info->has_trigger_width = offers_width(&p);
     find_latch(&p, setup);
     return LS_OK;
 }

@@ -89,7 +89,7 @@ static void test_good_files_load(struct fixture *f, gconstpointer unused)
     g_assert_cmpint(ls_config_channel(c, "X"), ==, -1);
     g_assert_true(g_str_has_prefix(c->storage, f->dir));
     g_assert_cmpuint(c->lights_driver.port, ==, 1502);
-    g_assert_cmpint(c->cameras[0].driver.exposure, ==, LS_EXPOSURE_WIDTH);
+    g_assert_cmpint(c->cameras[0].driver.exposure, ==, LS_EXPOSURE_AUTO);
     ls_config_destroy(c);
 }
 

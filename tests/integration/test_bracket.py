@@ -21,9 +21,9 @@ DARKS, LIGHTS = 12, 14  # frames of darks; conditions with lights
 
 
 def timed(folder, **options):
-    rig = harness.twelve(folder, scene="stamp", rig_camera_extra='exposure = "timed";', **options)
-    rig.start()
-    return rig
+    """A camera that offers no exposure by width: nobody says so but itself."""
+    return harness.twelve(folder, scene="stamp", camera_extra="timed_only = true;",
+                          **options).start()
 
 
 def order(rig, take):
@@ -83,6 +83,26 @@ def test_a_killed_take_goes_on_with_the_exposures_it_has(folder):
     # what had been fired and not bound when the take was aborted may count as tried
     assert len(had) >= DARKS + LIGHTS and not set(again) & had, (had, again)
     takes.is_good(rig, take)
+
+
+def test_the_rig_file_has_the_last_word_on_how_a_camera_exposes(folder):
+    rig = harness.twelve(folder, scene="stamp", rig_camera_extra='exposure = "timed";').start()
+    plan = takes.plan_file(rig, PLAN)
+    assert rig.ask("preflight", "--plan", plan)["bracket"] == "outermost"
+    conf = harness.stage.read(rig.path("rig.conf"))
+    for said, bracket in (('exposure = "width";', "width"), ("", "width")):
+        rig.daemon.stop()
+        harness.stage.write(rig.path("rig.conf"), conf.replace('exposure = "timed";', said))
+        rig.write_configuration = lambda: None
+        rig.start_daemon()
+        assert rig.ask("preflight", "--plan", plan)["bracket"] == bracket, said
+
+
+def test_a_width_that_the_camera_does_not_offer_is_refused(folder):
+    rig = timed(folder, rig_camera_extra='exposure = "width";')
+    code, _, err = takes.ask(rig, "preflight", "--plan", takes.plan_file(rig, PLAN))
+    assert code != 0, err
+    takes.says(err, "offers no TriggerWidth", "use timed exposure")
 
 
 if __name__ == "__main__":
