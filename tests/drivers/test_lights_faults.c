@@ -120,7 +120,8 @@ static void test_interlock(gconstpointer driver)
     open_interlock(driver, 100);
 }
 
-/* A controller on USB is one opener's, also within a process; the first goes on as if nothing was. */
+/* A controller on USB is one opener's, also within a process; the first goes on as if nothing was.
+ */
 static void test_second_opener(gconstpointer driver)
 {
     struct stand s = stand_up(driver, NULL);
