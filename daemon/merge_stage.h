@@ -4,12 +4,12 @@
  * inlet's producer is ls-cam-N, the rest as stated. Ownership: everything in the configuration is
  * (transfer none) and outlives the stage.
  *
- * A frame is copied out of the ring into its condition's accumulator, the slot goes back to the
- * driver, then its checksum, ticket and (with keep_raw) bytes go to the store. When the last
- * exposure of a condition is in, its rows are merged by all threads in bands, converted to half
- * and published. Darks are summed instead, and their mean is published as floats and kept. So are
- * watches, one at a time per camera, but their mean is not kept: it is compared with the dark's,
- * and what has drifted is an alarm in the journal.
+ * A frame is copied out of the ring into its condition's accumulator and checksummed on the way,
+ * the slot goes back to the driver, then ticket and (with keep_raw) bytes go to the store. When the
+ * last exposure of a condition is in, its rows are merged by all threads in bands, converted to
+ * half and published. Darks are summed instead, and their mean is published as floats and kept. So
+ * are watches, one at a time per camera, but their mean is not kept: it is compared with the
+ * dark's, and what has drifted is an alarm in the journal.
  *
  * Accumulators are a bounded pool per camera. A condition with a shot missing keeps its accumulator
  * until another condition needs it: then it is given up whole and must be shot again whole; so is a

@@ -14,7 +14,8 @@
  * appended and synced together. Syncs of the journal are grouped: one per 50 ms or 16 pictures,
  * whichever comes first, and one per flush. A file without its record does not exist.
  *
- * Files are written past the page cache where the file system lets them (diskio.h, write_buffers.h).
+ * Files are written past the page cache where the file system lets them (diskio.h,
+ * write_buffers.h).
  *
  * Errors of the disk are latched: every later call returns the first one with its sentence, nothing
  * more is written, and the take stays as it was at the last good record. The process ignores
