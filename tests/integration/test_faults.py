@@ -202,6 +202,16 @@ def test_a_camera_that_is_gone_ends_the_take_with_its_name_and_its_shots(folder)
     assert code == 1, (code, out, err)
 
 
+def test_a_camera_that_comes_back_after_its_take_has_ended_completes_it(folder):
+    rig = harness.twelve(folder, f'{{ kind = "silent"; at = {takes.FIRST_LIGHT + 20}; '
+                                 'value = 4000; }', scene="stamp").start()
+    code, status, err = takes.photograph(rig)
+    assert code == 1 and status["state"] == "failed", (code, status, err)
+    takes.says(status["message"], "camera front", "gone", "LEDs are dark")
+    harness.wait_for("the camera is back", lambda: resumed(rig, status["id"], "camera"))
+    takes.is_good(rig, status["id"])
+
+
 def test_a_camera_that_reboots_ends_the_take_and_resume_completes_it(folder):
     rig = harness.twelve(folder, f'{{ kind = "reboot"; at = {takes.FIRST_LIGHT + 20}; }}',
                          scene="stamp").start()
