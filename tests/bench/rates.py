@@ -36,9 +36,14 @@ def two_processors():
 
 
 def threads_s(pid):
-    """Processor seconds of every thread of a process: {(name, number): seconds}."""
+    """Processor seconds of every thread of a process: {(name, number): seconds}; of one that has
+    ended, nothing."""
     out = {}
-    for task in os.listdir(f"/proc/{pid}/task"):
+    try:
+        tasks = os.listdir(f"/proc/{pid}/task")
+    except OSError:
+        tasks = []
+    for task in tasks:
         try:
             with open(f"/proc/{pid}/task/{task}/comm", encoding="utf-8") as file:
                 name = file.read().strip()
