@@ -158,16 +158,16 @@ static void plain_finish(struct plain *p)
 
 /* ---- rows ---- */
 
-/* Seconds that the lights' bytes and the sums' multiply-adds cannot do without. */
-static double roofline_s(const struct setting *s, uint32_t n_sums, double share,
-                         const struct bench_task *read, const struct bench_task *fma,
-                         uint64_t fma_done)
+/* Seconds that the input's bytes, of the lights and @n_ratios maps of ratios, and the sums'
+ * multiply-adds cannot do without. */
+static double roofline_s(const struct setting *s, uint32_t n_ratios, const struct bench_task *read,
+                         const struct bench_task *fma, uint64_t fma_done)
 {
-    double bytes = 0, adds = (double)s->pixels * s->take->n_lights * n_sums * share;
+    double done = 0, pixels = (double)s->pixels, adds = pixels * s->take->n_lights * SPECTRA;
     for (uint32_t i = 0; i < s->take->n_lights; i++)
-        bytes += (double)s->take->file[i].bytes;
-    double read_s = read->best_s * (double)s->pixels * 2 * s->take->n_lights * share / bytes;
-    return fmax(read_s, adds / ((double)fma_done / fma->best_s));
+        done += (double)s->take->file[i].bytes;
+    double bytes = pixels * (2.0 * s->take->n_lights + 3.0 * sizeof *s->ratio * n_ratios);
+    return fmax(read->best_s * bytes / done, adds / ((double)fma_done / fma->best_s));
 }
 
 static void print(const struct setting *s, const char *name, const struct bench_task *task,
@@ -276,13 +276,14 @@ static void one(const struct setting *s)
         {.name = "a picture by the daemon", .run = bench_relit, .data = &relit}};
     bench_time(s->bench, tasks, 7);
     check_relit(s, &relit, &picture);
-    double limit = roofline_s(s, SPECTRA, 1, &tasks[0], &tasks[1], fma.done);
+    double lights_s = roofline_s(s, 0, &tasks[0], &tasks[1], fma.done);
+    double limit_s = roofline_s(s, SPECTRA - 1, &tasks[0], &tasks[1], fma.done);
     double error = error_of_sums(s);
-    print(s, "relight_one", &tasks[3], error, "roofline of reading and multiply-adds", limit, 0.6);
-    print(s, "relight_daemon", &tasks[6], error, "roofline of reading and multiply-adds", limit,
+    print(s, "relight_one", &tasks[3], error, "roofline of reading lights and ratios", limit_s,
           0.6);
-    print(s, "relight_one_sums", &tasks[2], error, "roofline of reading and multiply-adds", limit,
-          NAN);
+    print(s, "relight_daemon", &tasks[6], error, "roofline of reading lights and ratios", limit_s,
+          0.6);
+    print(s, "relight_one_sums", &tasks[2], error, "roofline of reading lights", lights_s, NAN);
     print(s, "relight_one_plainly", &tasks[3], error, "materialise + sgemm, 1/16 scaled",
           16 * tasks[5].best_s, 20);
     bench_row(s->bench, &(struct bench_row){.name = "relight_linear",
