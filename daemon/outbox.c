@@ -5,13 +5,20 @@
 #include <string.h>
 #include <sys/socket.h>
 
-enum { SPANS = 16 };
+enum { SPANS = 512 }; /* the kernel takes 1024 */
 
 void ls_chunk_finish(struct ls_chunk *chunk)
 {
     free(chunk->head);
     free(chunk->payload);
+    if (chunk->lent)
+        chunk->lent->give_back(chunk->lent);
     memset(chunk, 0, sizeof *chunk);
+}
+
+size_t ls_chunk_bytes(const struct ls_chunk *chunk)
+{
+    return chunk->head_bytes + chunk->payload_bytes + (chunk->lent ? chunk->lent->n_bytes : 0);
 }
 
 static void chunk_free(void *pointer)
@@ -37,16 +44,29 @@ void ls_outbox_push(struct ls_outbox *outbox, struct ls_chunk *chunk)
     struct ls_chunk *kept = g_new(struct ls_chunk, 1);
     *kept = *chunk;
     memset(chunk, 0, sizeof *chunk);
-    outbox->bytes += kept->head_bytes + kept->payload_bytes;
+    outbox->bytes += ls_chunk_bytes(kept);
     g_queue_push_tail(&outbox->chunks, kept);
 }
 
-static void add_span(struct iovec *spans, size_t *n, uint8_t *bytes, size_t size, size_t *skip)
+struct spans {
+    struct iovec span[SPANS];
+    size_t n, skip; /* bytes that are written already */
+};
+
+static void add_span(struct spans *to, const void *bytes, size_t size)
 {
-    size_t skipped = size < *skip ? size : *skip;
-    *skip -= skipped;
-    if (size > skipped)
-        spans[(*n)++] = (struct iovec){.iov_base = bytes + skipped, .iov_len = size - skipped};
+    size_t skipped = size < to->skip ? size : to->skip;
+    to->skip -= skipped;
+    if (size > skipped && to->n < SPANS)
+        to->span[to->n++] = (struct iovec){(uint8_t *)bytes + skipped, size - skipped};
+}
+
+static void add_chunk(struct spans *to, const struct ls_chunk *chunk)
+{
+    add_span(to, chunk->head, chunk->head_bytes);
+    add_span(to, chunk->payload, chunk->payload_bytes);
+    for (size_t k = 0; chunk->lent && k < chunk->lent->n_spans && to->n < SPANS; k++)
+        add_span(to, chunk->lent->spans[k].iov_base, chunk->lent->spans[k].iov_len);
 }
 
 static void drop_written(struct ls_outbox *outbox, size_t n)
@@ -54,7 +74,7 @@ static void drop_written(struct ls_outbox *outbox, size_t n)
     outbox->bytes -= n;
     outbox->written += n;
     for (struct ls_chunk *first; (first = g_queue_peek_head(&outbox->chunks));) {
-        size_t size = first->head_bytes + first->payload_bytes;
+        size_t size = ls_chunk_bytes(first);
         if (outbox->written < size)
             return;
         outbox->written -= size;
@@ -66,14 +86,10 @@ enum ls_err ls_outbox_write(struct ls_outbox *outbox, int fd, size_t *sent)
 {
     *sent = 0;
     while (outbox->bytes > 0) {
-        struct iovec spans[SPANS];
-        size_t n = 0, skip = outbox->written;
-        for (GList *l = outbox->chunks.head; l && n + 2 <= SPANS; l = l->next) {
-            struct ls_chunk *chunk = l->data;
-            add_span(spans, &n, chunk->head, chunk->head_bytes, &skip);
-            add_span(spans, &n, chunk->payload, chunk->payload_bytes, &skip);
-        }
-        struct msghdr message = {.msg_iov = spans, .msg_iovlen = n};
+        struct spans spans = {.n = 0, .skip = outbox->written};
+        for (GList *l = outbox->chunks.head; l && spans.n < SPANS; l = l->next)
+            add_chunk(&spans, l->data);
+        struct msghdr message = {.msg_iov = spans.span, .msg_iovlen = spans.n};
         ssize_t wrote = sendmsg(fd, &message, MSG_NOSIGNAL | MSG_DONTWAIT);
         if (wrote < 0 && errno == EINTR)
             continue;

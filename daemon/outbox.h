@@ -10,15 +10,30 @@
 #include <glib.h>
 #include <stddef.h>
 #include <stdint.h>
+#include <sys/uio.h>
 
-/** One frame: header and message, then payload. Both malloc'd, or NULL. */
+/** Bytes that lie elsewhere (a mapped file), sent from there without a copy. Allocated by whoever
+ * lends them. */
+struct ls_lent {
+    const struct iovec *spans;
+    size_t n_spans, n_bytes;
+    /** Any thread, once: they are written, or never will be. Frees the struct. */
+    void (*give_back)(struct ls_lent *lent);
+};
+
+/** One frame: header and message, then the payload: some bytes of its own, then what is lent. Spans
+ * are malloc'd, or NULL. */
 struct ls_chunk {
     uint8_t *head, *payload;
     size_t head_bytes, payload_bytes;
+    struct ls_lent *lent; /* or NULL */
 };
 
-/** Free both spans and zero. */
+/** Free the spans, give back what is lent, and zero. */
 void ls_chunk_finish(struct ls_chunk *chunk);
+
+/** Of the whole frame. */
+size_t ls_chunk_bytes(const struct ls_chunk *chunk);
 
 struct ls_outbox {
     GQueue chunks;  /* struct ls_chunk, heap */
