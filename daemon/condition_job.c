@@ -27,13 +27,27 @@ struct condition_job {
     uint32_t row;       /* next, in the region */
     struct ls_takedir *take;
     struct ls_take_facts *facts;
-    struct ls_picture_map map; /* of the current name, from its first band to its last */
+    struct ls_picture_map *map; /* of the current name, from its first frame to its last; counted,
+                                   what is lent of it holds it too */
+    struct ls_tiles tiles;
 };
+
+static void finish_map(gpointer map)
+{
+    ls_picture_map_finish(map);
+}
+
+static void drop_map(struct ls_picture_map *map)
+{
+    if (map)
+        g_atomic_rc_box_release_full(map, finish_map);
+}
 
 static void condition_destroy(struct ls_job *job)
 {
     struct condition_job *self = (struct condition_job *)job;
-    ls_picture_map_finish(&self->map);
+    drop_map(self->map);
+    ls_tiles_finish(&self->tiles);
     ls_take_facts_destroy(self->facts);
     ls_takedir_close(self->take);
     g_strfreev(self->names);
@@ -78,9 +92,10 @@ static enum ls_err open_picture(struct condition_job *self, struct ls_diag *diag
         return ls_fail(diag, LS_ERR_STATE, "take %s lacks %s; resume it", self->take_id, name);
     self->region = self->asked;
     err = ls_picture_region_check(&self->region, p->width, p->height, diag);
-    return err ? err
-               : ls_picture_map_open(&self->map, self->take->folder, p->file, p->width, p->height,
-                                     diag);
+    if (err)
+        return err;
+    self->map = g_atomic_rc_box_new0(struct ls_picture_map);
+    return ls_picture_map_open(self->map, self->take->folder, p->file, p->width, p->height, diag);
 }
 
 static void describe(const struct condition_job *self, uint32_t n_rows,
@@ -99,9 +114,8 @@ static void describe(const struct condition_job *self, uint32_t n_rows,
     body->calibrated = self->facts->calibration != NULL;
 }
 
-static enum ls_err read_rows(const struct condition_job *self, uint32_t n_rows,
-                             struct ls_chunk *chunk, Lightstage__FetchReply *body,
-                             struct ls_diag *diag)
+static enum ls_err read_rows(struct condition_job *self, uint32_t n_rows, struct ls_chunk *chunk,
+                             Lightstage__FetchReply *body, struct ls_diag *diag)
 {
     const struct ls_demosaic_region *r = &self->region;
     chunk->payload_bytes = (size_t)r->width * n_rows * (self->half ? 2 : 4);
@@ -109,51 +123,115 @@ static enum ls_err read_rows(const struct condition_job *self, uint32_t n_rows,
     if (!chunk->payload)
         return ls_fail(diag, LS_ERR_NOMEM, "out of memory");
     if (self->half)
-        ls_picture_map_read_half(&self->map, r->x, r->y + self->row, r->width, n_rows,
+        ls_picture_map_read_half(self->map, r->x, r->y + self->row, r->width, n_rows,
                                  (uint16_t *)(void *)chunk->payload);
     else
-        ls_picture_map_read(&self->map, r->x, r->y + self->row, r->width, n_rows, 1,
+        ls_picture_map_read(self->map, r->x, r->y + self->row, r->width, n_rows, 1,
                             (float *)(void *)chunk->payload);
     const struct ls_demosaic_region band = {r->x, r->y + self->row, r->width, n_rows};
-    enum ls_err err =
-        ls_pixel_quality_append(self->quality, &self->map, self->facts, band, 1, chunk, body, diag);
-    if (err)
-        return err;
-    if (!ls_picture_map_sound(&self->map) || !ls_picture_map_whole(&self->map))
+    self->row += n_rows;
+    return ls_pixel_quality_append(self->quality, self->map, self->facts, band, 1, chunk, body,
+                                   diag);
+}
+
+static enum ls_err check_file(const struct condition_job *self, struct ls_diag *diag)
+{
+    if (!ls_picture_map_sound(self->map) || !ls_picture_map_whole(self->map))
         return ls_fail(diag, LS_ERR_INVALID, "%s: cut short, removed or unreadable",
-                       self->map.path);
+                       self->map->path);
     return LS_OK;
 }
 
-static void advance(struct condition_job *self, uint32_t n_rows)
+static void next_picture(struct condition_job *self)
 {
-    self->row += n_rows;
-    if (self->row < self->region.height)
-        return;
     self->row = 0;
     self->at++;
-    ls_picture_map_finish(&self->map);
-    self->map = (struct ls_picture_map){0};
+    drop_map(self->map);
+    self->map = NULL;
 }
 
-static enum ls_err make_band(struct condition_job *self, struct ls_chunk *chunk, bool *last,
-                             struct ls_diag *diag)
+static enum ls_err make_band(struct condition_job *self, struct ls_chunk *chunk,
+                             Lightstage__FetchReply *body, struct ls_diag *diag)
 {
-    Lightstage__FetchReply body;
-    enum ls_err err = self->map.base ? LS_OK : open_picture(self, diag);
-    if (err)
-        return err;
     uint32_t rows = BAND_BYTES / (4 * self->region.width) + 1,
              left = self->region.height - self->row;
     rows = rows < left ? rows : left;
-    describe(self, rows, &body);
-    err = read_rows(self, rows, chunk, &body, diag);
+    describe(self, rows, body);
+    return read_rows(self, rows, chunk, body, diag);
+}
+
+/* ---- in tiles ---- */
+
+static void release_map(void *owner, void *map)
+{
+    drop_map(map);
+}
+
+/* Floats: a row of tiles at a time. */
+static enum ls_err make_tiles(struct condition_job *self, struct ls_chunk *chunk,
+                              Lightstage__FetchReply *body, struct ls_diag *diag)
+{
+    struct ls_chunk values = {0};
+    uint32_t left = self->region.height - self->row, y = self->region.y + self->row;
+    uint32_t rows = left < LS_EXR_TILE_PX ? left : LS_EXR_TILE_PX;
+    const struct ls_demosaic_region band = {self->region.x, y, self->region.width, rows};
+    enum ls_err err = read_rows(self, rows, &values, body, diag);
+    if (!err)
+        err = ls_tiles_add(&self->tiles, band, values.payload, diag);
+    ls_chunk_finish(&values);
+    if (!err)
+        (void)ls_tiles_take(&self->tiles, chunk, body);
+    return err;
+}
+
+static enum ls_err next_tiles(struct condition_job *self, struct ls_chunk *chunk,
+                              Lightstage__FetchReply *body, struct ls_diag *diag)
+{
+    const struct ls_tiles_holder holder = {release_map, NULL, self->map};
+    describe(self, 0, body);
+    if (!self->half)
+        return make_tiles(self, chunk, body, diag);
+    g_atomic_rc_box_acquire(self->map);
+    return ls_tiles_lend(&self->tiles, self->map, &holder, chunk, body, diag);
+}
+
+/* *any: some of the picture's tiles are asked for. */
+static enum ls_err begin_picture(struct condition_job *self, bool *any, struct ls_diag *diag)
+{
+    enum ls_err err = open_picture(self, diag);
+    if (!err && self->tiles.wanted)
+        err = ls_tiles_begin(&self->tiles, self->map->tiles.width, self->map->tiles.height,
+                             self->half ? 2 : 4, &self->region, diag);
+    *any = !err && self->region.height > 0;
+    if (!err && !*any) {
+        next_picture(self);
+        if (self->at == self->n_names)
+            err = ls_fail(diag, LS_ERR_LIMIT, "fetch: first_tile %u is beyond the last tile",
+                          (unsigned)self->tiles.first);
+    }
+    return err;
+}
+
+static enum ls_err next_frame(struct condition_job *self, struct ls_chunk *chunk, bool *last,
+                              struct ls_diag *diag)
+{
+    Lightstage__FetchReply body;
+    bool any = true;
+    enum ls_err err = self->map ? LS_OK : begin_picture(self, &any, diag);
+    if (err || !any)
+        return err;
+    err = self->tiles.wanted ? next_tiles(self, chunk, &body, diag)
+                             : make_band(self, chunk, &body, diag);
+    if (!err)
+        err = check_file(self, diag);
     if (err)
         return err;
-    advance(self, rows);
+    if (self->tiles.wanted ? ls_tiles_end(&self->tiles) : self->row == self->region.height)
+        next_picture(self);
     *last = self->at == self->n_names;
+    size_t lent = chunk->lent ? chunk->lent->n_bytes : 0;
     return ls_message_frame(LS_MESSAGE_FETCH | LS_MESSAGE_REPLY, self->job.request,
-                            *last ? LS_FRAME_LAST : 0, &body.base, chunk->payload_bytes,
+                            *last ? LS_FRAME_LAST : 0, &body.base, chunk->payload_bytes + lent,
                             &chunk->head, &chunk->head_bytes, diag);
 }
 
@@ -161,7 +239,7 @@ static enum ls_err condition_step(struct ls_job *job, struct ls_chunk *chunk, bo
                                   struct ls_diag *diag)
 {
     struct condition_job *self = (struct condition_job *)job;
-    return self->take ? make_band(self, chunk, last, diag) : open_take(self, diag);
+    return self->take ? next_frame(self, chunk, last, diag) : open_take(self, diag);
 }
 
 /* ---- making ---- */
@@ -184,8 +262,8 @@ static enum ls_err check(const Lightstage__Fetch *fetch, struct ls_diag *diag)
 }
 
 enum ls_err ls_condition_job_create(uint32_t request, const char *storage,
-                                    const Lightstage__Fetch *fetch, struct ls_job **out,
-                                    struct ls_diag *diag)
+                                    const Lightstage__Fetch *fetch, struct ls_tiles *tiles,
+                                    struct ls_job **out, struct ls_diag *diag)
 {
     static const struct ls_job_ops ops = {"fetch conditions", condition_step, condition_destroy};
     enum ls_err err = check(fetch, diag);
@@ -198,6 +276,8 @@ enum ls_err ls_condition_job_create(uint32_t request, const char *storage,
     self->camera = fetch->camera;
     self->half = fetch->sample == LIGHTSTAGE__SAMPLE__HALF;
     self->quality = ls_pixel_quality_of(fetch);
+    self->tiles = *tiles;
+    memset(tiles, 0, sizeof *tiles);
     self->asked = ls_picture_region_of(fetch->region);
     self->names = g_new0(char *, fetch->n_conditions + 1);
     self->n_names = fetch->n_conditions;

@@ -22,9 +22,12 @@ struct fetch_job {
     struct ls_field_source *source; /* from the first step on */
     char take[128], channel_name[32];
     uint32_t camera;
+    bool reported; /* what was done for the picture at hand */
     bool started, full_sphere, rgb, estimate, half;
     struct ls_pixel_quality quality;
-    struct ls_demosaic_region region;
+    struct ls_tiles tiles;
+    struct ls_demosaic_region asked,
+        region;             /* region: what is read for it of the picture at hand */
     uint32_t *lights;       /* NULL = all, until the first step */
     size_t n_lights, light; /* current index */
     uint32_t row;           /* next, in the region */
@@ -40,6 +43,7 @@ static void fetch_destroy(struct ls_job *job)
     ls_render_close(self->render);
     if (self->source)
         ls_field_cache_put(self->cache, self->source);
+    ls_tiles_finish(&self->tiles);
     free(self->lights);
     g_free(self);
 }
@@ -130,7 +134,7 @@ static enum ls_err start(struct fetch_job *self, struct ls_diag *diag)
         return ls_fail(diag, LS_ERR_NOT_FOUND, "take %s has no channel \"%.32s\"", self->take,
                        self->channel_name);
     self->channel = (uint32_t)channel;
-    err = ls_picture_region_check(&self->region, self->source->width, self->source->height, diag);
+    err = ls_picture_region_check(&self->asked, self->source->width, self->source->height, diag);
     if (!err && !self->full_sphere)
         err = ls_promotion_find(self->source, &self->promotion, self->channel, &self->job,
                                 &self->way, diag);
@@ -138,6 +142,7 @@ static enum ls_err start(struct fetch_job *self, struct ls_diag *diag)
         err = check_quality(self, diag);
     if (!err)
         err = choose_lights(self, diag);
+    self->region = self->asked;
     self->started = !err;
     return err;
 }
@@ -337,54 +342,152 @@ static enum ls_err promoted_band(struct fetch_job *self, struct ls_demosaic_regi
                               : halve(chunk, (size_t)band->width * band->height * components, diag);
 }
 
-static void advance(struct fetch_job *self, const struct ls_demosaic_region *band, bool *last)
+static void next_picture(struct fetch_job *self)
 {
-    self->row += band->height;
-    if (self->row == self->region.height) {
-        self->row = 0;
-        self->light++;
-    }
-    *last = self->light == self->n_lights;
+    self->row = 0;
+    self->reported = false;
+    self->light++;
 }
 
-static enum ls_err make_band(struct fetch_job *self, struct ls_chunk *chunk, bool *last,
+/* Values of the next rows, as they go over the wire: @chunk's payload. */
+static enum ls_err next_band(struct fetch_job *self, const struct picture *picture,
+                             struct ls_demosaic_region *band, uint32_t components,
+                             struct ls_chunk *chunk, struct ls_diag *diag)
+{
+    enum ls_err err = promoted(self) && !promoted_as_halves(self)
+                          ? promoted_band(self, band, components, chunk, diag)
+                          : picture_band(self, picture, band, components, chunk, diag);
+    if (err)
+        return err;
+    chunk->payload_bytes =
+        (size_t)band->width * band->height * components * (self->half ? 2 : sizeof(float));
+    self->row += band->height;
+    return LS_OK;
+}
+
+/* A frame whose payload is there. */
+static enum ls_err send(struct fetch_job *self, Lightstage__FetchReply *body, bool picture_ends,
+                        struct ls_chunk *chunk, bool *last, struct ls_diag *diag)
+{
+    Lightstage__SpectrumReport report;
+    if (!self->reported && !self->full_sphere) {
+        ls_promotion_report(self->source, &self->promotion, &self->way, &report);
+        body->spectrum = &report;
+    }
+    self->reported = true;
+    if (picture_ends)
+        next_picture(self);
+    *last = self->light == self->n_lights;
+    size_t lent = chunk->lent ? chunk->lent->n_bytes : 0;
+    return ls_message_frame(LS_MESSAGE_FETCH | LS_MESSAGE_REPLY, self->job.request,
+                            *last ? LS_FRAME_LAST : 0, &body->base, chunk->payload_bytes + lent,
+                            &chunk->head, &chunk->head_bytes, diag);
+}
+
+static enum ls_err make_band(struct fetch_job *self, const struct picture *picture,
+                             uint32_t components, struct ls_chunk *chunk, bool *last,
                              struct ls_diag *diag)
 {
-    struct picture picture = {0};
     struct ls_demosaic_region band = {0};
     Lightstage__FetchReply body;
-    Lightstage__SpectrumReport report;
+    enum ls_err err = next_band(self, picture, &band, components, chunk, diag);
+    if (err)
+        return err;
+    describe(self, picture, band, components, &body);
+    err = ls_pixel_quality_append(self->quality, picture->map, self->source->facts, band,
+                                  picture->gain, chunk, &body, diag);
+    return err ? err : send(self, &body, self->row == self->region.height, chunk, last, diag);
+}
+
+/* ---- in tiles ---- */
+
+/* Nothing is done to the picture. */
+static bool as_stored(const struct fetch_job *self)
+{
+    return self->estimate && self->half && !self->rgb && !promoted(self);
+}
+
+static void release_source(void *owner, void *what)
+{
+    ls_field_cache_put(owner, what);
+}
+
+static enum ls_err lend_tiles(struct fetch_job *self, const struct picture *picture,
+                              struct ls_chunk *chunk, Lightstage__FetchReply *body,
+                              struct ls_diag *diag)
+{
+    const struct ls_tiles_holder holder = {release_source, self->cache, self->source};
+    ls_field_cache_share(self->cache, self->source);
+    return ls_tiles_lend(&self->tiles, picture->map, &holder, chunk, body, diag);
+}
+
+/* *there: some are complete. */
+static enum ls_err make_tiles(struct fetch_job *self, const struct picture *picture,
+                              uint32_t components, struct ls_chunk *chunk,
+                              Lightstage__FetchReply *body, bool *there, struct ls_diag *diag)
+{
+    struct ls_demosaic_region band = {0};
+    struct ls_chunk values = {0};
+    enum ls_err err = next_band(self, picture, &band, components, &values, diag);
+    if (!err)
+        err = ls_tiles_add(&self->tiles, band, values.payload, diag);
+    ls_chunk_finish(&values);
+    *there = !err && ls_tiles_take(&self->tiles, chunk, body);
+    return err;
+}
+
+/* False: the picture has none that are asked for. */
+static enum ls_err begin_tiles(struct fetch_job *self, uint32_t components, bool *any,
+                               struct ls_diag *diag)
+{
+    self->region = self->asked;
+    enum ls_err err =
+        ls_tiles_begin(&self->tiles, self->source->width, self->source->height,
+                       components * (self->half ? 2 : sizeof(float)), &self->region, diag);
+    *any = !err && self->region.height > 0;
+    if (!err && !*any) {
+        next_picture(self);
+        if (self->light == self->n_lights)
+            err = ls_fail(diag, LS_ERR_LIMIT, "fetch: first_tile %u is beyond the last tile",
+                          (unsigned)self->tiles.first);
+    }
+    return err;
+}
+
+static enum ls_err next_tiles(struct fetch_job *self, const struct picture *picture,
+                              uint32_t components, struct ls_chunk *chunk, bool *last,
+                              struct ls_diag *diag)
+{
+    Lightstage__FetchReply body;
+    bool there = true;
+    enum ls_err err =
+        ls_tiles_end(&self->tiles) ? begin_tiles(self, components, &there, diag) : LS_OK;
+    if (err || !there)
+        return err;
+    describe(self, picture, self->region, components, &body);
+    err = as_stored(self) ? lend_tiles(self, picture, chunk, &body, diag)
+                          : make_tiles(self, picture, components, chunk, &body, &there, diag);
+    return err || !there ? err : send(self, &body, ls_tiles_end(&self->tiles), chunk, last, diag);
+}
+
+static enum ls_err next_frame(struct fetch_job *self, struct ls_chunk *chunk, bool *last,
+                              struct ls_diag *diag)
+{
+    struct picture picture = {0};
     uint32_t components = self->rgb ? self->source->field.n_channels : 1;
     enum ls_err err = self->full_sphere ? sphere_picture(self, &picture, diag)
                                         : light_picture(self, &picture, diag);
-    if (!err)
-        err = promoted(self) && !promoted_as_halves(self)
-                  ? promoted_band(self, &band, components, chunk, diag)
-                  : picture_band(self, &picture, &band, components, chunk, diag);
     if (err)
         return err;
-    describe(self, &picture, band, components, &body);
-    chunk->payload_bytes =
-        (size_t)band.width * band.height * components * (self->half ? 2 : sizeof(float));
-    if (self->row == 0 && !self->full_sphere) {
-        ls_promotion_report(self->source, &self->promotion, &self->way, &report);
-        body.spectrum = &report;
-    }
-    err = ls_pixel_quality_append(self->quality, picture.map, self->source->facts, band,
-                                  picture.gain, chunk, &body, diag);
-    if (err)
-        return err;
-    advance(self, &band, last);
-    return ls_message_frame(LS_MESSAGE_FETCH | LS_MESSAGE_REPLY, self->job.request,
-                            *last ? LS_FRAME_LAST : 0, &body.base, chunk->payload_bytes,
-                            &chunk->head, &chunk->head_bytes, diag);
+    return self->tiles.wanted ? next_tiles(self, &picture, components, chunk, last, diag)
+                              : make_band(self, &picture, components, chunk, last, diag);
 }
 
 static enum ls_err fetch_step(struct ls_job *job, struct ls_chunk *chunk, bool *last,
                               struct ls_diag *diag)
 {
     struct fetch_job *self = (struct fetch_job *)job;
-    enum ls_err err = self->started ? make_band(self, chunk, last, diag) : start(self, diag);
+    enum ls_err err = self->started ? next_frame(self, chunk, last, diag) : start(self, diag);
     return err ? err : ls_field_source_sound(self->source, *last, diag);
 }
 
@@ -420,8 +523,8 @@ static enum ls_err check_promotion(const Lightstage__Fetch *fetch,
 }
 
 enum ls_err ls_fetch_job_create(uint32_t request, struct ls_field_cache *cache,
-                                const Lightstage__Fetch *fetch, struct ls_job **out,
-                                struct ls_diag *diag)
+                                const Lightstage__Fetch *fetch, struct ls_tiles *tiles,
+                                struct ls_job **out, struct ls_diag *diag)
 {
     static const struct ls_job_ops ops = {"fetch", fetch_step, fetch_destroy};
     struct ls_promotion promotion;
@@ -446,7 +549,9 @@ enum ls_err ls_fetch_job_create(uint32_t request, struct ls_field_cache *cache,
     self->estimate = fetch->quantity == LIGHTSTAGE__QUANTITY__ESTIMATE;
     self->half = fetch->sample == LIGHTSTAGE__SAMPLE__HALF;
     self->quality = ls_pixel_quality_of(fetch);
-    self->region = ls_picture_region_of(fetch->region);
+    self->tiles = *tiles;
+    memset(tiles, 0, sizeof *tiles);
+    self->asked = ls_picture_region_of(fetch->region);
     if (fetch->n_lights > 0) {
         self->lights = g_memdup2(fetch->lights, fetch->n_lights * sizeof *self->lights);
         self->n_lights = fetch->n_lights;

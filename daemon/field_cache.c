@@ -114,14 +114,26 @@ enum ls_err ls_field_cache_get(struct ls_field_cache *cache, const char *take, u
     return err;
 }
 
+/* The lock is held. */
+static struct entry *entry_of(struct ls_field_cache *cache, const struct ls_field_source *source)
+{
+    GList *l = cache->entries.head;
+    while (((struct entry *)l->data)->source != source)
+        l = l->next;
+    return l->data;
+}
+
+void ls_field_cache_share(struct ls_field_cache *cache, struct ls_field_source *source)
+{
+    g_mutex_lock(&cache->lock);
+    entry_of(cache, source)->users++;
+    g_mutex_unlock(&cache->lock);
+}
+
 void ls_field_cache_put(struct ls_field_cache *cache, struct ls_field_source *source)
 {
     g_mutex_lock(&cache->lock);
-    for (GList *l = cache->entries.head; l; l = l->next) {
-        struct entry *entry = l->data;
-        if (entry->source == source)
-            entry->users--;
-    }
+    entry_of(cache, source)->users--;
     trim(cache);
     g_mutex_unlock(&cache->lock);
 }

@@ -25,6 +25,9 @@ LS_MUST_CHECK enum ls_err ls_field_cache_get(struct ls_field_cache *cache, const
                                              uint32_t camera, struct ls_field_source **out,
                                              struct ls_diag *diag);
 
+/** Somebody else uses a source that is in use: one put more. */
+void ls_field_cache_share(struct ls_field_cache *cache, struct ls_field_source *source);
+
 void ls_field_cache_put(struct ls_field_cache *cache, struct ls_field_source *source);
 
 /** Nobody uses a source any more. NULL is allowed. */

@@ -12,6 +12,15 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
+static struct ls_picture_id id_of(const struct stat *info)
+{
+    return (struct ls_picture_id){.device = info->st_dev,
+                                  .inode = info->st_ino,
+                                  .bytes = (uint64_t)info->st_size,
+                                  .changed_ns = (int64_t)info->st_ctim.tv_sec * 1000000000 +
+                                                info->st_ctim.tv_nsec};
+}
+
 static enum ls_err map_file(struct ls_picture_map *map, const char *path, struct ls_diag *diag)
 {
     struct stat info;
@@ -25,6 +34,7 @@ static enum ls_err map_file(struct ls_picture_map *map, const char *path, struct
         err = ls_fail(diag, LS_ERR_INVALID, "%s: expected a file that is not empty", path);
     } else {
         map->bytes = (size_t)info.st_size;
+        map->id = id_of(&info);
         map->base = mmap(NULL, map->bytes, PROT_READ, MAP_SHARED, fd, 0);
         if (map->base == MAP_FAILED) {
             map->base = NULL;

@@ -14,11 +14,18 @@
 #include <stddef.h>
 #include <stdint.h>
 
+/** Which file, and which state of it. No padding: compared byte for byte. */
+struct ls_picture_id {
+    uint64_t device, inode, bytes;
+    int64_t changed_ns;
+};
+
 struct ls_picture_map {
     char *path;
     void *base;
     size_t bytes;
     struct ls_exr_tiles tiles;
+    struct ls_picture_id id;
     struct ls_map_guard guard; /* must not move once open */
 };
 

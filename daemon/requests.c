@@ -171,10 +171,15 @@ static void handle_fetch(const struct ls_call *call)
     struct ls_diag diag = {0};
     const Lightstage__Fetch *fetch = (const Lightstage__Fetch *)call->message;
     const struct ls_service *service = ls_session_service(call->session);
+    struct ls_tiles tiles;
     enum ls_err err =
-        fetch->n_conditions
-            ? ls_condition_job_create(call->id, service->config.storage, fetch, &job, &diag)
-            : ls_fetch_job_create(call->id, service->fields, fetch, &job, &diag);
+        ls_tiles_read(fetch, call->payload, call->payload_bytes, service->stored, &tiles, &diag);
+    if (!err)
+        err = fetch->n_conditions
+                  ? ls_condition_job_create(call->id, service->config.storage, fetch, &tiles, &job,
+                                            &diag)
+                  : ls_fetch_job_create(call->id, service->fields, fetch, &tiles, &job, &diag);
+    ls_tiles_finish(&tiles);
     if (err)
         fail(call, err, LS_PROTO_ABOUT_REQUEST, &diag);
     else

@@ -13,6 +13,7 @@
 #include <unistd.h>
 
 enum {
+    HASH_BYTES = 64 << 20, /* of 8,000 pictures of 4 Mpx */
     TICK_MS = 250,
     IDLE_FIELDS = 2,
     SEND_BYTES = 1024 * 1024, /* socket buffer asked for; the kernel caps it */
@@ -101,6 +102,7 @@ enum ls_err ls_server_create(const struct ls_server_config *config, struct ls_en
     fill_defaults(&service->config);
     service->engine = engine;
     service->fields = ls_field_cache_create(server->storage, IDLE_FIELDS, config->spare_bytes);
+    service->stored = ls_stored_tiles_create(HASH_BYTES);
     service->pool = ls_job_pool_create(service->config.serve_threads);
     server->accepting = g_unix_fd_add(fd, G_IO_IN, on_connection, server);
     server->ticking = g_timeout_add(TICK_MS, on_tick, server);
@@ -136,6 +138,7 @@ void ls_server_destroy(struct ls_server *server)
         ls_session_shutdown(server->service.sessions->data);
     ls_job_pool_destroy(server->service.pool);
     ls_field_cache_destroy(server->service.fields);
+    ls_stored_tiles_destroy(server->service.stored);
     g_free(server->socket_path);
     g_free(server->storage);
     g_free(server);

@@ -9,13 +9,15 @@
 #include "daemon/field_cache.h"
 #include "daemon/job.h"
 #include "daemon/server.h"
+#include "daemon/stored_tiles.h"
 
 #include <glib.h>
 
 struct ls_service {
     struct ls_server_config config; /* defaults filled in; read-only, any thread */
     struct ls_engine *engine;
-    struct ls_field_cache *fields; /* any thread */
+    struct ls_field_cache *fields;  /* any thread */
+    struct ls_stored_tiles *stored; /* any thread */
     struct ls_job_pool *pool;
     struct ls_take_status take; /* last reported */
     GList *sessions;            /* struct ls_session */

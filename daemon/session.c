@@ -466,7 +466,8 @@ void ls_session_framing_ended(struct ls_session *session)
 static void greet(struct ls_session *session, const struct ls_frame_header *header,
                   const ProtobufCMessage *message)
 {
-    static char *capabilities[] = {(char *)"relight", (char *)"fetch", (char *)"resume"};
+    static char *capabilities[] = {(char *)"relight", (char *)"fetch", (char *)"resume",
+                                   (char *)"tiles"};
     const Lightstage__Hello *hello = (const Lightstage__Hello *)message;
     Lightstage__HelloReply reply = LIGHTSTAGE__HELLO_REPLY__INIT;
     if (hello->version != LS_FRAME_VERSION) {

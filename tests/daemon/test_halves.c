@@ -48,9 +48,10 @@ static GByteArray *fetched(struct room *room, char channel, Lightstage__Sample s
     GByteArray *all = g_byte_array_new();
     struct ls_diag diag = {{0}};
     struct ls_job *job = NULL;
+    struct ls_tiles rows = {0};
     room->channel[0] = channel;
     room->fetch.sample = sample;
-    enum ls_err err = ls_fetch_job_create(1, room->cache, &room->fetch, &job, &diag);
+    enum ls_err err = ls_fetch_job_create(1, room->cache, &room->fetch, &rows, &job, &diag);
     for (bool last = false; !last && !err;) {
         struct ls_chunk chunk = {0};
         err = job->ops->step(job, &chunk, &last, &diag);

@@ -338,13 +338,14 @@ static void a_cancelled_fetch_makes_no_map(struct room *room, gconstpointer data
     struct ls_field_cache *cache = ls_field_cache_create(room->take->root, 1, 0);
     Lightstage__Fetch fetch = LIGHTSTAGE__FETCH__INIT;
     struct ls_job *job = NULL;
+    struct ls_tiles rows = {0};
     struct ls_chunk chunk = {0};
     bool last = false;
     fetch.take = room->take->id;
     fetch.channel = (char *)"R";
     fetch.layout = LIGHTSTAGE__LAYOUT__RGB;
     fetch.model = LIGHTSTAGE__MODEL__LINEAR;
-    g_assert_cmpint(ls_fetch_job_create(1, cache, &fetch, &job, NULL), ==, LS_OK);
+    g_assert_cmpint(ls_fetch_job_create(1, cache, &fetch, &rows, &job, NULL), ==, LS_OK);
     ls_job_cancel(job);
     g_assert_cmpint(job->ops->step(job, &chunk, &last, NULL), ==, LS_ERR_ABORTED);
     job->ops->destroy(job);

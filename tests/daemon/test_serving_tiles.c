@@ -1,0 +1,326 @@
+/* serving_tiles: tiles are the pictures that rows of pixels make, whatever is asked for, and none
+ * is sent that the client has. */
+#include "core/half.h"
+#include "proto/errors.h"
+#include "tests/daemon/serving_fixture.h"
+
+#include <string.h>
+#include <xxhash.h>
+
+enum { SIDE = 64, ACROSS = 3, DOWN = 3, TILES = ACROSS * DOWN };
+
+/* What came of some pictures. */
+struct tiles {
+    GArray *number, *hash, *unchanged; /* uint32_t, uint64_t, uint32_t */
+    GByteArray *bytes;                 /* of those that were sent */
+    uint32_t first, pictures;          /* of the first frame; with a report */
+    uint32_t refused;
+};
+
+static void finish(struct tiles *t)
+{
+    g_array_unref(t->number);
+    g_array_unref(t->hash);
+    g_array_unref(t->unchanged);
+    g_byte_array_unref(t->bytes);
+}
+
+static void note_frame(struct tiles *t, const struct ls_reply *reply)
+{
+    const Lightstage__FetchReply *body = (const Lightstage__FetchReply *)reply->message;
+    g_assert_cmpuint(body->width, ==, TAKE_W);
+    g_assert_cmpuint(body->height, ==, TAKE_H);
+    g_assert_cmpuint(body->n_rows, ==, 0);
+    g_assert_cmpuint(body->n_tile, >, 0);
+    g_assert_cmpuint(body->n_tile_hash, ==, body->n_tile);
+    g_assert_true(body->n_tile_unchanged == 0 || body->n_tile_unchanged == body->n_tile);
+    if (t->number->len == 0)
+        t->first = body->first_tile;
+    g_assert_cmpuint(body->first_tile, ==, t->first + t->number->len);
+    t->pictures += body->spectrum != NULL;
+    g_array_append_vals(t->number, body->tile, (guint)body->n_tile);
+    g_array_append_vals(t->hash, body->tile_hash, (guint)body->n_tile);
+    for (size_t i = 0; i < body->n_tile; i++) {
+        uint32_t unchanged = body->n_tile_unchanged && body->tile_unchanged[i];
+        g_array_append_val(t->unchanged, unchanged);
+    }
+    if (reply->payload_bytes)
+        g_byte_array_append(t->bytes, reply->payload, (guint)reply->payload_bytes);
+}
+
+static void fetch_tiles(struct hall *hall, Lightstage__Fetch *fetch, const uint64_t *have, size_t n,
+                        struct tiles *t)
+{
+    *t = (struct tiles){.number = g_array_new(FALSE, FALSE, 4),
+                        .hash = g_array_new(FALSE, FALSE, 8),
+                        .unchanged = g_array_new(FALSE, FALSE, 4),
+                        .bytes = g_byte_array_new()};
+    fetch->tiles = true;
+    uint32_t request = send_request(hall, LS_MESSAGE_FETCH, &fetch->base, have, n * sizeof *have);
+    for (bool last = false; !last;) {
+        struct ls_reply reply;
+        struct ls_diag diag = {0};
+        if (ls_connection_receive(hall->client, request, &reply, &diag)) {
+            g_test_message("refused: %s", diag.text);
+            t->refused = ls_connection_error(hall->client);
+            break;
+        }
+        note_frame(t, &reply);
+        last = reply.last;
+        ls_reply_finish(&reply);
+    }
+    fetch->tiles = false;
+}
+
+/* Tile @number of a whole picture, as it has to be. g_free. */
+static uint8_t *cut(const uint8_t *picture, uint32_t number, size_t pixel)
+{
+    uint8_t *tile = g_malloc0(SIDE * SIDE * pixel);
+    uint32_t x = number % ACROSS * SIDE, y = number / ACROSS * SIDE;
+    uint32_t w = MIN(SIDE, TAKE_W - x), h = MIN(SIDE, TAKE_H - y);
+    for (uint32_t r = 0; r < h; r++)
+        memcpy(tile + r * SIDE * pixel, picture + ((y + r) * TAKE_W + x) * pixel, w * pixel);
+    return tile;
+}
+
+/* All that were sent, picture after picture, are those of @whole. */
+static void assert_cut_from(const struct tiles *t, const GByteArray *whole, size_t pixel,
+                            uint32_t per_picture)
+{
+    size_t at = 0, tile = SIDE * SIDE * pixel;
+    for (uint32_t i = 0; i < t->number->len; i++) {
+        const uint8_t *picture = whole->data + (t->first + i) / per_picture * TAKE_PIXELS * pixel;
+        uint8_t *expected = cut(picture, g_array_index(t->number, uint32_t, i), pixel);
+        g_assert_cmphex(g_array_index(t->hash, uint64_t, i), ==, XXH3_64bits(expected, tile));
+        if (!g_array_index(t->unchanged, uint32_t, i)) {
+            g_assert_cmpmem(t->bytes->data + at, tile, expected, tile);
+            at += tile;
+        }
+        g_free(expected);
+    }
+    g_assert_cmpuint(at, ==, t->bytes->len);
+}
+
+/* ---- whatever is asked for ---- */
+
+static const struct way {
+    const char *channel;
+    Lightstage__Model model;
+    Lightstage__Layout layout;
+    Lightstage__Quantity quantity;
+    Lightstage__Sample sample;
+    bool full_sphere;
+} ways[] = {
+    {"W", LIGHTSTAGE__MODEL__MEASURED, LIGHTSTAGE__LAYOUT__MOSAIC, LIGHTSTAGE__QUANTITY__ESTIMATE,
+     LIGHTSTAGE__SAMPLE__HALF, false},
+    {"W", LIGHTSTAGE__MODEL__MEASURED, LIGHTSTAGE__LAYOUT__MOSAIC, LIGHTSTAGE__QUANTITY__ESTIMATE,
+     LIGHTSTAGE__SAMPLE__FLOAT, false},
+    {"W", LIGHTSTAGE__MODEL__MEASURED, LIGHTSTAGE__LAYOUT__MOSAIC,
+     LIGHTSTAGE__QUANTITY__REFLECTANCE, LIGHTSTAGE__SAMPLE__HALF, false},
+    {"R", LIGHTSTAGE__MODEL__MEASURED, LIGHTSTAGE__LAYOUT__MOSAIC, LIGHTSTAGE__QUANTITY__ESTIMATE,
+     LIGHTSTAGE__SAMPLE__HALF, true},
+    {"W", LIGHTSTAGE__MODEL__MEASURED, LIGHTSTAGE__LAYOUT__RGB, LIGHTSTAGE__QUANTITY__ESTIMATE,
+     LIGHTSTAGE__SAMPLE__HALF, false},
+    {"W", LIGHTSTAGE__MODEL__MEASURED, LIGHTSTAGE__LAYOUT__RGB, LIGHTSTAGE__QUANTITY__REFLECTANCE,
+     LIGHTSTAGE__SAMPLE__FLOAT, false},
+    {"R", LIGHTSTAGE__MODEL__SPHERE, LIGHTSTAGE__LAYOUT__RGB, LIGHTSTAGE__QUANTITY__REFLECTANCE,
+     LIGHTSTAGE__SAMPLE__HALF, false},
+    {"R", LIGHTSTAGE__MODEL__SPHERE, LIGHTSTAGE__LAYOUT__RGB, LIGHTSTAGE__QUANTITY__REFLECTANCE,
+     LIGHTSTAGE__SAMPLE__FLOAT, false},
+};
+
+static void ask_for(Lightstage__Fetch *fetch, const struct hall *hall, const struct way *way,
+                    uint32_t *lights)
+{
+    a_fetch(fetch, hall);
+    fetch->channel = (char *)way->channel;
+    fetch->model = way->model;
+    fetch->layout = way->layout;
+    fetch->quantity = way->quantity;
+    fetch->sample = way->sample;
+    fetch->full_sphere = way->full_sphere;
+    fetch->lights = lights;
+    fetch->n_lights = way->full_sphere ? 0 : 2;
+}
+
+static size_t pixel_of(const struct way *way)
+{
+    return (way->layout == LIGHTSTAGE__LAYOUT__RGB ? 3 : 1) *
+           (way->sample == LIGHTSTAGE__SAMPLE__HALF ? 2 : 4);
+}
+
+static void tiles_are_cut_from_the_rows(struct hall *hall, gconstpointer data)
+{
+    uint32_t lights[2] = {6, 1}, number;
+    for (size_t i = 0; i < G_N_ELEMENTS(ways); i++) {
+        Lightstage__Fetch fetch;
+        struct tiles t;
+        ask_for(&fetch, hall, &ways[i], lights);
+        GByteArray *whole = fetched(hall, &fetch, &number);
+        g_assert_cmpuint(number, ==, 0);
+        fetch_tiles(hall, &fetch, NULL, 0, &t);
+        g_assert_cmpuint(t.refused, ==, 0);
+        uint32_t pictures = ways[i].full_sphere ? 1 : 2;
+        g_assert_cmpuint(t.pictures, ==, ways[i].full_sphere ? 0 : 2);
+        g_assert_cmpuint(t.number->len, ==, pictures * TILES);
+        assert_cut_from(&t, whole, pixel_of(&ways[i]), TILES);
+        finish(&t);
+        g_byte_array_unref(whole);
+    }
+}
+
+/* 70 to 129 touches the middle and the right tiles, 10 to 63 the upper ones. */
+static void a_region_brings_every_tile_it_touches(struct hall *hall, gconstpointer data)
+{
+    static const uint32_t expected[] = {1, 2, 1, 2};
+    uint32_t lights[2] = {6, 1}, number;
+    Lightstage__Region region = LIGHTSTAGE__REGION__INIT;
+    region.x = 70, region.y = 10, region.width = 60, region.height = 54;
+    for (size_t i = 0; i < G_N_ELEMENTS(ways); i++) {
+        Lightstage__Fetch fetch;
+        struct tiles t;
+        ask_for(&fetch, hall, &ways[i], lights);
+        GByteArray *whole = fetched(hall, &fetch, &number);
+        fetch.region = &region;
+        fetch_tiles(hall, &fetch, NULL, 0, &t);
+        g_assert_cmpuint(t.refused, ==, 0);
+        g_assert_cmpmem(t.number->data, t.number->len * 4, expected,
+                        ways[i].full_sphere ? 8 : sizeof expected);
+        assert_cut_from(&t, whole, pixel_of(&ways[i]), 2);
+        finish(&t);
+        g_byte_array_unref(whole);
+    }
+}
+
+static void a_fetch_goes_on_where_it_was_cut(struct hall *hall, gconstpointer data)
+{
+    static const uint32_t firsts[] = {1, 4, 8, 9, 13, 17};
+    uint32_t lights[2] = {6, 1}, number;
+    for (size_t i = 0; i < G_N_ELEMENTS(ways); i++) {
+        Lightstage__Fetch fetch;
+        struct tiles t;
+        ask_for(&fetch, hall, &ways[i], lights);
+        GByteArray *whole = fetched(hall, &fetch, &number);
+        uint32_t n = ways[i].full_sphere ? TILES : 2 * TILES;
+        for (size_t k = 0; k < G_N_ELEMENTS(firsts) && firsts[k] < n; k++) {
+            fetch.first_tile = firsts[k];
+            fetch_tiles(hall, &fetch, NULL, 0, &t);
+            g_assert_cmpuint(t.refused, ==, 0);
+            g_assert_cmpuint(t.first, ==, firsts[k]);
+            g_assert_cmpuint(t.number->len, ==, n - firsts[k]);
+            assert_cut_from(&t, whole, pixel_of(&ways[i]), TILES);
+            finish(&t);
+        }
+        fetch.first_tile = n;
+        fetch_tiles(hall, &fetch, NULL, 0, &t);
+        g_assert_cmpuint(t.refused, ==, LS_PROTO_OVER_LIMIT);
+        finish(&t);
+        g_byte_array_unref(whole);
+    }
+}
+
+static void what_the_client_has_is_listed_and_not_sent(struct hall *hall, gconstpointer data)
+{
+    uint32_t lights[2] = {6, 1}, number;
+    for (size_t i = 0; i < G_N_ELEMENTS(ways); i++) {
+        Lightstage__Fetch fetch;
+        struct tiles all, some;
+        ask_for(&fetch, hall, &ways[i], lights);
+        GByteArray *whole = fetched(hall, &fetch, &number);
+        fetch_tiles(hall, &fetch, NULL, 0, &all);
+        uint64_t *have = g_memdup2(all.hash->data, all.hash->len * 8);
+        fetch_tiles(hall, &fetch, have, all.hash->len, &some);
+        g_assert_cmpuint(some.bytes->len, ==, 0);
+        g_assert_cmpmem(some.hash->data, some.hash->len * 8, all.hash->data, all.hash->len * 8);
+        finish(&some);
+        have[4] ^= 1;
+        have[5] = 0;
+        fetch_tiles(hall, &fetch, have, 7, &some); /* and nothing is known of the rest */
+        for (uint32_t k = 0; k < some.number->len; k++)
+            g_assert_cmpuint(g_array_index(some.unchanged, uint32_t, k), ==,
+                             k < 7 && k != 4 && k != 5);
+        assert_cut_from(&some, whole, pixel_of(&ways[i]), TILES);
+        finish(&some);
+        finish(&all);
+        g_free(have);
+        g_byte_array_unref(whole);
+    }
+}
+
+/* ---- what core says ---- */
+
+static void stored_tiles_are_the_merge_s_own_halves(struct hall *hall, gconstpointer data)
+{
+    uint32_t light = 6;
+    Lightstage__Fetch fetch;
+    struct tiles t;
+    GByteArray *halfs = g_byte_array_new();
+    g_byte_array_set_size(halfs, 2 * TAKE_PIXELS);
+    ls_half_from_floats(hall->take->light[light], (uint16_t *)(void *)halfs->data, TAKE_PIXELS);
+    ask_for(&fetch, hall, &ways[0], &light);
+    fetch.n_lights = 1;
+    fetch_tiles(hall, &fetch, NULL, 0, &t);
+    assert_cut_from(&t, halfs, 2, TILES);
+    finish(&t);
+    g_byte_array_unref(halfs);
+}
+
+static void conditions_come_in_tiles_too(struct hall *hall, gconstpointer data)
+{
+    static char *names[] = {(char *)"W-0003", (char *)"W-0000"};
+    for (int half = 0; half < 2; half++) {
+        Lightstage__Fetch fetch = LIGHTSTAGE__FETCH__INIT;
+        struct tiles t;
+        uint32_t number;
+        fetch.take = hall->take->id;
+        fetch.conditions = names;
+        fetch.n_conditions = G_N_ELEMENTS(names);
+        fetch.quantity = LIGHTSTAGE__QUANTITY__ESTIMATE;
+        fetch.sample = half ? LIGHTSTAGE__SAMPLE__HALF : LIGHTSTAGE__SAMPLE__FLOAT;
+        GByteArray *whole = fetched(hall, &fetch, &number);
+        fetch.first_tile = 5;
+        fetch_tiles(hall, &fetch, NULL, 0, &t);
+        g_assert_cmpuint(t.refused, ==, 0);
+        g_assert_cmpuint(t.number->len, ==, 2 * TILES - 5);
+        assert_cut_from(&t, whole, half ? 2 : 4, TILES);
+        finish(&t);
+        g_byte_array_unref(whole);
+    }
+}
+
+static void what_goes_with_rows_is_refused(struct hall *hall, gconstpointer data)
+{
+    uint32_t light = 6;
+    uint64_t have = 1;
+    Lightstage__Fetch fetch;
+    struct tiles t;
+    ask_for(&fetch, hall, &ways[0], &light);
+    fetch.n_lights = 1;
+    fetch.validity = true;
+    fetch_tiles(hall, &fetch, NULL, 0, &t);
+    g_assert_cmpuint(t.refused, ==, LS_PROTO_UNSUPPORTED);
+    finish(&t);
+    fetch.validity = false;
+    uint32_t request = send_request(hall, LS_MESSAGE_FETCH, &fetch.base, &have, sizeof have), n;
+    g_byte_array_unref(receive_all(hall, request, &n));
+    g_assert_cmpuint(n, ==, LS_PROTO_BAD_ARGUMENT);
+    fetch.tiles = true;
+    request = send_request(hall, LS_MESSAGE_FETCH, &fetch.base, &have, 3);
+    g_byte_array_unref(receive_all(hall, request, &n));
+    g_assert_cmpuint(n, ==, LS_PROTO_BAD_ARGUMENT);
+}
+
+int main(int argc, char **argv)
+{
+    g_test_init(&argc, &argv, NULL);
+    ADD("tiles-are-cut-from-the-rows", with_take, tiles_are_cut_from_the_rows);
+    ADD("a-region-brings-every-tile-it-touches", with_take, a_region_brings_every_tile_it_touches);
+    ADD("a-fetch-goes-on-where-it-was-cut", with_take, a_fetch_goes_on_where_it_was_cut);
+    ADD("what-the-client-has-is-listed-and-not-sent", with_take,
+        what_the_client_has_is_listed_and_not_sent);
+    ADD("stored-tiles-are-the-merge-s-own-halves", with_take,
+        stored_tiles_are_the_merge_s_own_halves);
+    ADD("conditions-come-in-tiles-too", with_take, conditions_come_in_tiles_too);
+    ADD("what-goes-with-rows-is-refused", with_take, what_goes_with_rows_is_refused);
+    return g_test_run();
+}
