@@ -30,11 +30,12 @@ static void print_json(const Lightstage__StatusReply *s)
     for (size_t i = 0; i < s->n_cameras; i++)
         json_array_append_new(cameras, camera_json(s->cameras[i]));
     ls_command_print_json(json_pack(
-        "{so* so so* ss ss sI si sI sI}", "lights", s->lights ? lights_json(s->lights) : NULL,
+        "{so* so so* ss ss sI si sI sI sI}", "lights", s->lights ? lights_json(s->lights) : NULL,
         "cameras", cameras, "take", s->take ? ls_take_status_json(s->take) : NULL, "calibration",
         s->calibration, "privileges", s->privileges, "disk_free_bytes",
         (json_int_t)s->disk_free_bytes, "connections", (int)s->connections, "stalled_closed",
-        (json_int_t)s->stalled_closed, "events_skipped", (json_int_t)s->events_skipped));
+        (json_int_t)s->stalled_closed, "events_skipped", (json_int_t)s->events_skipped,
+        "credit_waits", (json_int_t)s->credit_waits));
 }
 
 /* A device that is connected and was never asked: a take or a live view has had it since. */

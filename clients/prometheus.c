@@ -67,6 +67,8 @@ static void put_daemon(FILE *out, const Lightstage__MetricsReply *m)
             m->events_skipped);
     put_one(out, "pictures_skipped_total", "counter",
             "Pictures of what cameras see that a slow client did not get.", m->pictures_skipped);
+    put_one(out, "credit_waits_total", "counter",
+            "Times that a request waited for its client's credit.", m->credit_waits);
 }
 
 /* ---- counters of cameras ---- */

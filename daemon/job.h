@@ -37,6 +37,8 @@ struct ls_job {
     const struct ls_job_ops *ops;
     uint32_t request;
     int cancelled;            /* atomic */
+    bool counts_credit;       /* else it may always send; its session's, as credit */
+    uint64_t credit;          /* bytes of payload it may still send; the last frame may be longer */
     struct ls_job_pool *pool; /* that steps it; NULL: a thread of its own may block */
 };
 

@@ -46,6 +46,7 @@ static void handle_metrics(const struct ls_call *call)
     reply->message.stalled_closed = service->stalled_closed;
     reply->message.events_skipped = service->events_skipped;
     reply->message.pictures_skipped = service->pictures_skipped;
+    reply->message.credit_waits = service->credit_waits;
     reply->message.take_running = !ls_take_ended(&service->take);
     answer(call, &reply->message.base);
     ls_metrics_reply_free(reply);
@@ -165,6 +166,14 @@ static void handle_take_slate(const struct ls_call *call)
 
 /* ---- pictures ---- */
 
+/* 0: it is not counted. */
+static void run_with_credit(const struct ls_call *call, struct ls_job *job, uint64_t credit)
+{
+    job->counts_credit = credit > 0;
+    job->credit = credit;
+    ls_session_run(call->session, job);
+}
+
 static void handle_fetch(const struct ls_call *call)
 {
     struct ls_job *job = NULL;
@@ -183,20 +192,21 @@ static void handle_fetch(const struct ls_call *call)
     if (err)
         fail(call, err, LS_PROTO_ABOUT_REQUEST, &diag);
     else
-        ls_session_run(call->session, job);
+        run_with_credit(call, job, fetch->credit_bytes);
 }
 
 static void handle_relight(const struct ls_call *call)
 {
+    const Lightstage__Relight *relight = (const Lightstage__Relight *)call->message;
     struct ls_job *job = NULL;
     struct ls_diag diag = {0};
-    enum ls_err err = ls_relight_job_create(call->id, ls_session_service(call->session)->fields,
-                                            (const Lightstage__Relight *)call->message,
-                                            call->payload, call->payload_bytes, &job, &diag);
+    enum ls_err err =
+        ls_relight_job_create(call->id, ls_session_service(call->session)->fields, relight,
+                              call->payload, call->payload_bytes, &job, &diag);
     if (err)
         fail(call, err, LS_PROTO_ABOUT_REQUEST, &diag);
     else
-        ls_session_run(call->session, job);
+        run_with_credit(call, job, relight->credit_bytes);
 }
 
 /* ---- the live view ---- */
@@ -244,6 +254,14 @@ static void handle_preview(const struct ls_call *call)
 
 /* ---- the rest ---- */
 
+static void handle_credit(const struct ls_call *call)
+{
+    const Lightstage__Credit *credit = (const Lightstage__Credit *)call->message;
+    Lightstage__CreditReply body = LIGHTSTAGE__CREDIT_REPLY__INIT;
+    body.found = ls_session_credit(call->session, credit->request, credit->bytes);
+    answer(call, &body.base);
+}
+
 static void handle_cancel(const struct ls_call *call)
 {
     const Lightstage__Cancel *cancel = (const Lightstage__Cancel *)call->message;
@@ -273,6 +291,7 @@ static const struct {
     {LS_MESSAGE_RELIGHT, handle_relight},
     {LS_MESSAGE_BLANK, ls_handle_blank},
     {LS_MESSAGE_CANCEL, handle_cancel},
+    {LS_MESSAGE_CREDIT, handle_credit},
 };
 
 void ls_request_handle(struct ls_session *session, uint16_t type, uint32_t request,

@@ -148,6 +148,7 @@ static void reply_status(struct asked *asked)
     body.connections = service->n_sessions;
     body.stalled_closed = service->stalled_closed;
     body.events_skipped = service->events_skipped;
+    body.credit_waits = service->credit_waits;
     reply(asked, &body.base);
 }
 

@@ -22,7 +22,7 @@ struct ls_service {
     struct ls_take_status take; /* last reported */
     GList *sessions;            /* struct ls_session */
     unsigned n_sessions;
-    uint64_t stalled_closed, events_skipped, pictures_skipped;
+    uint64_t stalled_closed, events_skipped, pictures_skipped, credit_waits;
     guint looking; /* live.h: source, 0 = nobody looks */
 };
 

@@ -243,6 +243,24 @@ static void refuse(struct ls_session *session, uint32_t request, uint32_t number
 
 /* ---- jobs ---- */
 
+static bool may_send(const struct ls_job *job)
+{
+    return !job->counts_credit || job->credit > 0;
+}
+
+static void use_credit(struct ls_session *session, struct ls_job *job, size_t bytes)
+{
+    if (!job->counts_credit || bytes == 0)
+        return;
+    job->credit -= bytes < job->credit ? bytes : job->credit;
+    session->service->credit_waits += job->credit == 0;
+}
+
+static uint64_t payload_bytes(const struct ls_chunk *chunk)
+{
+    return ls_chunk_bytes(chunk) - chunk->head_bytes;
+}
+
 static void on_step(void *user, struct ls_job *job, struct ls_job_result *result)
 {
     struct ls_session *session = user;
@@ -253,6 +271,8 @@ static void on_step(void *user, struct ls_job *job, struct ls_job_result *result
         return;
     }
     bool ends = result->err || result->last;
+    if (!ends)
+        use_credit(session, job, payload_bytes(&result->chunk));
     if (result->err && ls_job_cancelled(job))
         ls_session_error(session, job->request, LS_PROTO_CANCELLED, "cancelled by the client");
     else if (result->err)
@@ -273,9 +293,13 @@ static void kick(struct ls_session *session)
     if (session->stepping || session->closing || !session->open ||
         session->outbox.bytes >= OUTBOX_HIGH)
         return;
-    session->stepping = g_queue_pop_head(&session->jobs);
-    if (!session->stepping)
+    GList *next = session->jobs.head;
+    while (next && !may_send(next->data))
+        next = next->next;
+    if (!next)
         return;
+    session->stepping = next->data;
+    g_queue_delete_link(&session->jobs, next);
     session->refs++;
     ls_job_pool_step(session->service->pool, session->stepping, on_step, session);
 }
@@ -364,6 +388,26 @@ bool ls_session_cancel(struct ls_session *session, uint32_t request)
         return true;
     }
     return false;
+}
+
+static struct ls_job *job_of(const struct ls_session *session, uint32_t request)
+{
+    if (session->stepping && session->stepping->request == request)
+        return session->stepping;
+    for (GList *l = session->jobs.head; l; l = l->next)
+        if (((struct ls_job *)l->data)->request == request)
+            return l->data;
+    return NULL;
+}
+
+bool ls_session_credit(struct ls_session *session, uint32_t request, uint64_t bytes)
+{
+    struct ls_job *job = job_of(session, request);
+    if (!job || !job->counts_credit)
+        return false;
+    job->credit = bytes > UINT64_MAX - job->credit ? UINT64_MAX : job->credit + bytes;
+    kick(session);
+    return true;
 }
 
 bool ls_session_subscribe(struct ls_session *session, uint32_t request)
@@ -467,7 +511,7 @@ static void greet(struct ls_session *session, const struct ls_frame_header *head
                   const ProtobufCMessage *message)
 {
     static char *capabilities[] = {(char *)"relight", (char *)"fetch", (char *)"resume",
-                                   (char *)"tiles"};
+                                   (char *)"tiles", (char *)"credit"};
     const Lightstage__Hello *hello = (const Lightstage__Hello *)message;
     Lightstage__HelloReply reply = LIGHTSTAGE__HELLO_REPLY__INIT;
     if (hello->version != LS_FRAME_VERSION) {

@@ -67,6 +67,9 @@ void ls_session_waited(struct ls_session *session, struct ls_pending *pending);
 /** Cancel the job, subscription or pending request of @request. False if there is none. */
 bool ls_session_cancel(struct ls_session *session, uint32_t request);
 
+/** The job of @request may send @bytes more. False if there is none that counts. */
+bool ls_session_credit(struct ls_session *session, uint32_t request, uint64_t bytes);
+
 /** Subscribe @request to the progress of the take; false if the session has a subscription. */
 bool ls_session_subscribe(struct ls_session *session, uint32_t request);
 

@@ -310,6 +310,93 @@ static void what_goes_with_rows_is_refused(struct hall *hall, gconstpointer data
     g_assert_cmpuint(n, ==, LS_PROTO_BAD_ARGUMENT);
 }
 
+/* ---- credit ---- */
+
+static void give(struct hall *hall, uint32_t request, uint64_t bytes)
+{
+    Lightstage__Credit credit = LIGHTSTAGE__CREDIT__INIT;
+    credit.request = request;
+    credit.bytes = bytes;
+    send_request(hall, LS_MESSAGE_CREDIT, &credit.base, NULL, 0);
+}
+
+/* The next frame, whosever it is: its payload's length. */
+static size_t next_frame(struct hall *hall, uint16_t *type, bool *found, uint64_t *waits)
+{
+    struct ls_reply reply;
+    struct ls_diag diag = {0};
+    g_assert_cmpint(ls_connection_receive(hall->client, 0, &reply, &diag), ==, LS_OK);
+    *type = reply.type & ~LS_MESSAGE_REPLY;
+    if (*type == LS_MESSAGE_CREDIT)
+        *found = ((Lightstage__CreditReply *)reply.message)->found;
+    if (*type == LS_MESSAGE_METRICS)
+        *waits = ((Lightstage__MetricsReply *)reply.message)->credit_waits;
+    size_t n = reply.payload_bytes;
+    ls_reply_finish(&reply);
+    return n;
+}
+
+/* A daemon that counted nothing would have sent the next frame before it reads the question. */
+static void assert_waits(struct hall *hall, uint64_t times)
+{
+    Lightstage__Metrics ask = LIGHTSTAGE__METRICS__INIT;
+    uint16_t type = 0;
+    uint64_t waits = 0;
+    send_request(hall, LS_MESSAGE_METRICS, &ask.base, NULL, 0);
+    next_frame(hall, &type, NULL, &waits);
+    g_assert_cmpuint(type, ==, LS_MESSAGE_METRICS);
+    g_assert_cmpuint(waits, ==, times);
+}
+
+/* Three tiles of floats are a row of tiles. */
+static void who_has_no_credit_waits(struct hall *hall, gconstpointer data)
+{
+    enum { ROW = ACROSS * SIDE * SIDE * 4 };
+    Lightstage__Fetch fetch;
+    uint16_t type;
+    bool found = false;
+    a_fetch(&fetch, hall);
+    fetch.tiles = true;
+    fetch.credit_bytes = ROW + 1;
+    uint32_t request = send_request(hall, LS_MESSAGE_FETCH, &fetch.base, NULL, 0);
+    for (int k = 0; k < 2; k++) {
+        g_assert_cmpuint(next_frame(hall, &type, NULL, NULL), ==, ROW);
+        g_assert_cmpuint(type, ==, LS_MESSAGE_FETCH);
+    }
+    assert_waits(hall, 1);
+    give(hall, request + 100, ROW);
+    next_frame(hall, &type, &found, NULL);
+    g_assert_false(found);
+    give(hall, request, 1);
+    size_t n = 0;
+    for (int k = 0; k < 2; k++) /* whichever comes first */
+        n += next_frame(hall, &type, &found, NULL);
+    g_assert_true(found);
+    g_assert_cmpuint(n, ==, ROW);
+    assert_waits(hall, 2);
+    give(hall, request, UINT64_MAX);
+    uint32_t refused;
+    GByteArray *rest = receive_all(hall, request, &refused);
+    g_assert_cmpuint(refused, ==, 0);
+    g_byte_array_unref(rest);
+}
+
+static void who_waits_for_credit_can_be_cancelled(struct hall *hall, gconstpointer data)
+{
+    Lightstage__Fetch fetch;
+    Lightstage__Cancel cancel = LIGHTSTAGE__CANCEL__INIT;
+    uint32_t refused;
+    uint16_t type;
+    a_fetch(&fetch, hall);
+    fetch.credit_bytes = 1;
+    cancel.request = send_request(hall, LS_MESSAGE_FETCH, &fetch.base, NULL, 0);
+    next_frame(hall, &type, NULL, NULL);
+    assert_waits(hall, 1);
+    send_request(hall, LS_MESSAGE_CANCEL, &cancel.base, NULL, 0);
+    g_byte_array_unref(receive_all(hall, cancel.request, &refused));
+    g_assert_cmpuint(refused, ==, LS_PROTO_CANCELLED);
+}
+
 int main(int argc, char **argv)
 {
     g_test_init(&argc, &argv, NULL);
@@ -322,5 +409,7 @@ int main(int argc, char **argv)
         stored_tiles_are_the_merge_s_own_halves);
     ADD("conditions-come-in-tiles-too", with_take, conditions_come_in_tiles_too);
     ADD("what-goes-with-rows-is-refused", with_take, what_goes_with_rows_is_refused);
+    ADD("who-has-no-credit-waits", with_take, who_has_no_credit_waits);
+    ADD("who-waits-for-credit-can-be-cancelled", with_take, who_waits_for_credit_can_be_cancelled);
     return g_test_run();
 }
