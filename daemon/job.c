@@ -38,6 +38,33 @@ static void post(GSourceFunc function, gpointer data)
     g_source_unref(source);
 }
 
+/* ---- credit ---- */
+
+bool ls_job_may_send(const struct ls_job *job)
+{
+    return !job->counts_credit || __atomic_load_n(&job->credit, __ATOMIC_RELAXED) > 0;
+}
+
+bool ls_job_use_credit(struct ls_job *job, uint64_t bytes)
+{
+    uint64_t had = __atomic_load_n(&job->credit, __ATOMIC_RELAXED);
+    if (!job->counts_credit || bytes == 0)
+        return false;
+    while (!__atomic_compare_exchange_n(&job->credit, &had, bytes < had ? had - bytes : 0, false,
+                                        __ATOMIC_RELAXED, __ATOMIC_RELAXED))
+        ;
+    return bytes >= had;
+}
+
+void ls_job_give_credit(struct ls_job *job, uint64_t bytes)
+{
+    uint64_t had = __atomic_load_n(&job->credit, __ATOMIC_RELAXED);
+    while (!__atomic_compare_exchange_n(&job->credit, &had,
+                                        bytes > UINT64_MAX - had ? UINT64_MAX : had + bytes, false,
+                                        __ATOMIC_RELAXED, __ATOMIC_RELAXED))
+        ;
+}
+
 /* ---- waiting ---- */
 
 static gboolean wake(gpointer data)

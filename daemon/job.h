@@ -37,8 +37,8 @@ struct ls_job {
     const struct ls_job_ops *ops;
     uint32_t request;
     int cancelled;            /* atomic */
-    bool counts_credit;       /* else it may always send; its session's, as credit */
-    uint64_t credit;          /* bytes of payload it may still send; the last frame may be longer */
+    bool counts_credit;       /* else it may always send */
+    uint64_t credit;          /* atomic: bytes of payload it may still send */
     struct ls_job_pool *pool; /* that steps it; NULL: a thread of its own may block */
 };
 
@@ -49,6 +49,15 @@ bool ls_job_cancelled(const struct ls_job *job);
 /** Any thread that steps @job: what others of its pool wait for may be there. Wakes them all; who
  * has nothing to go on with says LS_ERR_BUSY again. NULL is allowed. */
 void ls_job_wake_others(const struct ls_job *job);
+
+/** Any thread. May it send a frame? With any credit left it may: the last one may be longer. */
+bool ls_job_may_send(const struct ls_job *job);
+
+/** It sends @bytes of payload. True: that was the last of its credit. */
+bool ls_job_use_credit(struct ls_job *job, uint64_t bytes);
+
+/** Its client gives it @bytes more. */
+void ls_job_give_credit(struct ls_job *job, uint64_t bytes);
 
 /** What a step came to. */
 struct ls_job_result {

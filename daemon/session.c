@@ -243,19 +243,6 @@ static void refuse(struct ls_session *session, uint32_t request, uint32_t number
 
 /* ---- jobs ---- */
 
-static bool may_send(const struct ls_job *job)
-{
-    return !job->counts_credit || job->credit > 0;
-}
-
-static void use_credit(struct ls_session *session, struct ls_job *job, size_t bytes)
-{
-    if (!job->counts_credit || bytes == 0)
-        return;
-    job->credit -= bytes < job->credit ? bytes : job->credit;
-    session->service->credit_waits += job->credit == 0;
-}
-
 static uint64_t payload_bytes(const struct ls_chunk *chunk)
 {
     return ls_chunk_bytes(chunk) - chunk->head_bytes;
@@ -272,7 +259,7 @@ static void on_step(void *user, struct ls_job *job, struct ls_job_result *result
     }
     bool ends = result->err || result->last;
     if (!ends)
-        use_credit(session, job, payload_bytes(&result->chunk));
+        session->service->credit_waits += ls_job_use_credit(job, payload_bytes(&result->chunk));
     if (result->err && ls_job_cancelled(job))
         ls_session_error(session, job->request, LS_PROTO_CANCELLED, "cancelled by the client");
     else if (result->err)
@@ -294,7 +281,7 @@ static void kick(struct ls_session *session)
         session->outbox.bytes >= OUTBOX_HIGH)
         return;
     GList *next = session->jobs.head;
-    while (next && !may_send(next->data))
+    while (next && !ls_job_may_send(next->data))
         next = next->next;
     if (!next)
         return;
@@ -405,7 +392,7 @@ bool ls_session_credit(struct ls_session *session, uint32_t request, uint64_t by
     struct ls_job *job = job_of(session, request);
     if (!job || !job->counts_credit)
         return false;
-    job->credit = bytes > UINT64_MAX - job->credit ? UINT64_MAX : job->credit + bytes;
+    ls_job_give_credit(job, bytes);
     kick(session);
     return true;
 }
