@@ -2,9 +2,12 @@
 
 #include <stdio.h>
 
+enum { TURN_FRAMES = 8 }; /* then others have theirs */
+
 struct ticket {
     struct ls_job_pool *pool;
     struct ls_job *job; /* NULL: the thread ends */
+    ls_job_send *send;
     ls_job_done *done;
     void *user;
     int calls; /* of the pool, when the step began */
@@ -139,6 +142,21 @@ static void step(struct ticket *ticket)
             ticket->job->ops->step(ticket->job, &result->chunk, &result->last, &result->diag);
 }
 
+static bool send_frame(struct ticket *ticket)
+{
+    struct ls_job_result *result = &ticket->result;
+    return ticket->send && !result->err && result->chunk.head &&
+           ticket->send(ticket->user, ticket->job, &result->chunk) && !result->last;
+}
+
+static void take_turn(struct ticket *ticket)
+{
+    unsigned frames = 0;
+    do
+        step(ticket);
+    while (send_frame(ticket) && ++frames < TURN_FRAMES);
+}
+
 static gpointer serve(gpointer data)
 {
     struct ls_job_pool *pool = data;
@@ -148,7 +166,7 @@ static gpointer serve(gpointer data)
             g_free(ticket);
             return NULL;
         }
-        step(ticket);
+        take_turn(ticket);
         post(report, ticket);
     }
 }
@@ -168,10 +186,11 @@ struct ls_job_pool *ls_job_pool_create(unsigned n_threads)
     return pool;
 }
 
-void ls_job_pool_step(struct ls_job_pool *pool, struct ls_job *job, ls_job_done *done, void *user)
+void ls_job_pool_step(struct ls_job_pool *pool, struct ls_job *job, ls_job_send *send,
+                      ls_job_done *done, void *user)
 {
     struct ticket *ticket = g_new0(struct ticket, 1);
-    *ticket = (struct ticket){.pool = pool, .job = job, .done = done, .user = user};
+    *ticket = (struct ticket){pool, job, send, done, user};
     job->pool = pool;
     pool->outstanding++;
     g_async_queue_push(pool->work, ticket);

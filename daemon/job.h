@@ -3,10 +3,10 @@
  * Layer: daemon. Threads: stated per function. Ownership: a job belongs to its session while it
  * waits and to the thread that steps it while it is stepped.
  *
- * A step makes at most one frame and returns; nobody asks for the next until the client has taken
- * most of the last. So a stalled client holds a parked job and one frame, never a thread. Nor does
- * a job that needs what another is making: its step says so with LS_ERR_BUSY, and it is stepped
- * again once that is there (ls_job_wake_others).
+ * A step makes at most one frame and returns; the thread sends it, and goes on for a few frames
+ * while the client takes them. So a stalled client holds a parked job and one frame, never a
+ * thread. Nor does a job that needs what another is making: its step says so with LS_ERR_BUSY, and
+ * it is stepped again once that is there (ls_job_wake_others).
  */
 #ifndef LS_DAEMON_JOB_H
 #define LS_DAEMON_JOB_H
@@ -67,7 +67,10 @@ struct ls_job_result {
     struct ls_diag diag;
 };
 
-/** Called on ls-main with the result; takes the chunk. */
+/** Called on ls-serve with each frame that is made (transfer full). True: the job may go on. */
+typedef bool ls_job_send(void *user, struct ls_job *job, struct ls_chunk *chunk);
+
+/** Called on ls-main with the result; takes the chunk, if nobody has sent it. */
 typedef void ls_job_done(void *user, struct ls_job *job, struct ls_job_result *result);
 
 /** The ls-serve threads. */
@@ -76,9 +79,12 @@ struct ls_job_pool;
 /** Start @n_threads threads that report to the default main context. (transfer full). */
 struct ls_job_pool *ls_job_pool_create(unsigned n_threads);
 
-/** ls-main. Step @job once on some thread, again for as long as it waits, then call @done with
- * @user. A job cancelled while it waits ends with LS_ERR_ABORTED. */
-void ls_job_pool_step(struct ls_job_pool *pool, struct ls_job *job, ls_job_done *done, void *user);
+/** ls-main. Step @job on some thread, again for as long as it waits, then call @done with @user.
+ * With
+ * @send (else NULL) frames are sent by the thread, and while that is true up to eight steps are
+ * made. A job cancelled while it waits ends with LS_ERR_ABORTED. */
+void ls_job_pool_step(struct ls_job_pool *pool, struct ls_job *job, ls_job_send *send,
+                      ls_job_done *done, void *user);
 
 /** ls-main. Finish what is queued (jobs should be cancelled first), report it, end the threads;
  * who waits ends with LS_ERR_ABORTED. NULL is allowed. */

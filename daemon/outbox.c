@@ -1,9 +1,7 @@
 #include "daemon/outbox.h"
 
-#include <errno.h>
 #include <stdlib.h>
 #include <string.h>
-#include <sys/socket.h>
 
 enum { SPANS = 512 }; /* the kernel takes 1024 */
 
@@ -30,13 +28,28 @@ static void chunk_free(void *pointer)
 void ls_outbox_init(struct ls_outbox *outbox)
 {
     memset(outbox, 0, sizeof *outbox);
+    g_mutex_init(&outbox->lock);
+    g_mutex_init(&outbox->writing);
     g_queue_init(&outbox->chunks);
 }
 
 void ls_outbox_finish(struct ls_outbox *outbox)
 {
     g_queue_clear_full(&outbox->chunks, chunk_free);
-    outbox->bytes = outbox->written = 0;
+    g_mutex_clear(&outbox->lock);
+    g_mutex_clear(&outbox->writing);
+}
+
+size_t ls_outbox_waiting(const struct ls_outbox *outbox)
+{
+    return __atomic_load_n(&outbox->waiting, __ATOMIC_ACQUIRE);
+}
+
+void ls_outbox_close(struct ls_outbox *outbox)
+{
+    g_mutex_lock(&outbox->lock);
+    outbox->closed = true;
+    g_mutex_unlock(&outbox->lock);
 }
 
 void ls_outbox_push(struct ls_outbox *outbox, struct ls_chunk *chunk)
@@ -44,8 +57,15 @@ void ls_outbox_push(struct ls_outbox *outbox, struct ls_chunk *chunk)
     struct ls_chunk *kept = g_new(struct ls_chunk, 1);
     *kept = *chunk;
     memset(chunk, 0, sizeof *chunk);
-    outbox->bytes += ls_chunk_bytes(kept);
-    g_queue_push_tail(&outbox->chunks, kept);
+    g_mutex_lock(&outbox->lock);
+    bool closed = outbox->closed;
+    if (!closed) {
+        g_queue_push_tail(&outbox->chunks, kept);
+        __atomic_add_fetch(&outbox->waiting, ls_chunk_bytes(kept), __ATOMIC_RELEASE);
+    }
+    g_mutex_unlock(&outbox->lock);
+    if (closed)
+        chunk_free(kept);
 }
 
 struct spans {
@@ -69,34 +89,54 @@ static void add_chunk(struct spans *to, const struct ls_chunk *chunk)
         add_span(to, chunk->lent->spans[k].iov_base, chunk->lent->spans[k].iov_len);
 }
 
-static void drop_written(struct ls_outbox *outbox, size_t n)
+/* The chunks stay where they are until the writer drops them. */
+static void collect(struct ls_outbox *outbox, struct spans *spans)
 {
-    outbox->bytes -= n;
-    outbox->written += n;
-    for (struct ls_chunk *first; (first = g_queue_peek_head(&outbox->chunks));) {
-        size_t size = ls_chunk_bytes(first);
-        if (outbox->written < size)
-            return;
-        outbox->written -= size;
-        chunk_free(g_queue_pop_head(&outbox->chunks));
-    }
+    *spans = (struct spans){.n = 0, .skip = outbox->written};
+    g_mutex_lock(&outbox->lock);
+    for (GList *l = outbox->chunks.head; l && spans->n < SPANS; l = l->next)
+        add_chunk(spans, l->data);
+    g_mutex_unlock(&outbox->lock);
 }
 
-enum ls_err ls_outbox_write(struct ls_outbox *outbox, int fd, size_t *sent)
+/* The first chunk, if all of it is written. */
+static struct ls_chunk *take_written(struct ls_outbox *outbox)
 {
-    *sent = 0;
-    while (outbox->bytes > 0) {
-        struct spans spans = {.n = 0, .skip = outbox->written};
-        for (GList *l = outbox->chunks.head; l && spans.n < SPANS; l = l->next)
-            add_chunk(&spans, l->data);
-        struct msghdr message = {.msg_iov = spans.span, .msg_iovlen = spans.n};
-        ssize_t wrote = sendmsg(fd, &message, MSG_NOSIGNAL | MSG_DONTWAIT);
-        if (wrote < 0 && errno == EINTR)
-            continue;
-        if (wrote < 0)
-            return errno == EAGAIN || errno == EWOULDBLOCK ? LS_OK : LS_ERR_GONE;
-        drop_written(outbox, (size_t)wrote);
-        *sent += (size_t)wrote;
+    struct ls_chunk *first = NULL;
+    g_mutex_lock(&outbox->lock);
+    first = g_queue_peek_head(&outbox->chunks);
+    if (first && outbox->written >= ls_chunk_bytes(first))
+        g_queue_pop_head(&outbox->chunks);
+    else
+        first = NULL;
+    g_mutex_unlock(&outbox->lock);
+    return first;
+}
+
+static void drop_written(struct ls_outbox *outbox, size_t n)
+{
+    outbox->written += n;
+    for (struct ls_chunk *first; (first = take_written(outbox));) {
+        outbox->written -= ls_chunk_bytes(first);
+        chunk_free(first);
     }
-    return LS_OK;
+    __atomic_sub_fetch(&outbox->waiting, n, __ATOMIC_RELEASE);
+}
+
+enum ls_err ls_outbox_write(struct ls_outbox *outbox, struct ls_transport *transport, size_t *sent)
+{
+    enum ls_err err = LS_OK;
+    size_t n = 1;
+    *sent = 0;
+    if (!g_mutex_trylock(&outbox->writing))
+        return LS_ERR_BUSY;
+    while (!err && n > 0 && ls_outbox_waiting(outbox) > 0) {
+        struct spans spans;
+        collect(outbox, &spans);
+        err = ls_transport_write(transport, spans.span, spans.n, &n);
+        drop_written(outbox, n);
+        *sent += n;
+    }
+    g_mutex_unlock(&outbox->writing);
+    return err;
 }

@@ -1,13 +1,16 @@
 /*
  * outbox: what waits to be written to one client, in order, without ever blocking.
- * Layer: daemon. Threads: one at a time (ls-main). Ownership: takes the chunks it is given.
+ * Layer: daemon. Threads: any, except init and finish; locks are held for a few list operations.
+ * Ownership: takes the chunks it is given.
  */
 #ifndef LS_DAEMON_OUTBOX_H
 #define LS_DAEMON_OUTBOX_H
 
 #include "core/error.h"
+#include "daemon/transport.h"
 
 #include <glib.h>
+#include <stdbool.h>
 #include <stddef.h>
 #include <stdint.h>
 #include <sys/uio.h>
@@ -36,21 +39,31 @@ void ls_chunk_finish(struct ls_chunk *chunk);
 size_t ls_chunk_bytes(const struct ls_chunk *chunk);
 
 struct ls_outbox {
+    GMutex lock;    /* of the list and `closed` */
+    GMutex writing; /* held by who writes */
     GQueue chunks;  /* struct ls_chunk, heap */
-    size_t bytes;   /* waiting */
-    size_t written; /* of the first chunk */
+    size_t waiting; /* atomic: bytes */
+    size_t written; /* of the first chunk; the writer's */
+    bool closed;
 };
 
 void ls_outbox_init(struct ls_outbox *outbox);
 void ls_outbox_finish(struct ls_outbox *outbox);
 
-/** Append and zero *chunk. (transfer full) of its spans. */
+/** Append and zero *chunk. (transfer full) of its spans. After ls_outbox_close it is freed. */
 void ls_outbox_push(struct ls_outbox *outbox, struct ls_chunk *chunk);
 
+/** What is pushed from now on is dropped; what waits still goes out. */
+void ls_outbox_close(struct ls_outbox *outbox);
+
+/** Bytes that wait now. */
+size_t ls_outbox_waiting(const struct ls_outbox *outbox);
+
 /**
- * Write as much as the non-blocking socket @fd takes now. *sent: bytes. LS_OK also when nothing
- * could be written; LS_ERR_GONE when the peer is.
+ * Write as much as @transport takes now. *sent: bytes. LS_OK also when nothing could be written;
+ * LS_ERR_GONE when the peer is; LS_ERR_BUSY when another thread is writing.
  */
-LS_MUST_CHECK enum ls_err ls_outbox_write(struct ls_outbox *outbox, int fd, size_t *sent);
+LS_MUST_CHECK enum ls_err ls_outbox_write(struct ls_outbox *outbox, struct ls_transport *transport,
+                                          size_t *sent);
 
 #endif

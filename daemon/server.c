@@ -69,7 +69,7 @@ static gboolean on_connection(gint listener, GIOCondition condition, gpointer da
     if (server->service.n_sessions >= server->service.config.max_connections)
         ls_session_turn_away(fd, server->service.config.max_connections);
     else
-        ls_session_start(&server->service, fd, &peer);
+        ls_session_start(&server->service, ls_transport_plain(fd), &peer);
     return G_SOURCE_CONTINUE;
 }
 

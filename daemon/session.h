@@ -1,7 +1,8 @@
 /*
  * session: one connection: bytes in, requests dispatched, frames out.
- * Layer: daemon. Threads: ls-main. Ownership: a session owns its descriptor, outbox and jobs, and
- * frees itself when the connection ends; the service keeps it in its list until then.
+ * Layer: daemon. Threads: ls-main. Ownership: a session owns its transport and jobs, and frees
+ * itself when the connection has ended and no thread is at it; the service keeps it in its list
+ * until the end.
  */
 #ifndef LS_DAEMON_SESSION_H
 #define LS_DAEMON_SESSION_H
@@ -9,6 +10,7 @@
 #include "daemon/job.h"
 #include "daemon/preview.h"
 #include "daemon/service.h"
+#include "daemon/transport.h"
 #include "proto/errors.h"
 #include "proto/message.h"
 
@@ -23,8 +25,9 @@ struct ls_peer {
     unsigned uid, gid;
 };
 
-/** Serve the connected socket @fd (transfer full). */
-void ls_session_start(struct ls_service *service, int fd, const struct ls_peer *peer);
+/** Serve whoever is at the other end of @transport (transfer full). */
+void ls_session_start(struct ls_service *service, struct ls_transport *transport,
+                      const struct ls_peer *peer);
 
 /** There are @max connections already: say so to @fd (transfer full) and close it. */
 void ls_session_turn_away(int fd, unsigned max);

@@ -117,7 +117,7 @@ static void send(struct hall *hall, struct guest *guest, const struct ls_job_ops
 {
     guest->job.ops = ops;
     guest->hall = hall;
-    ls_job_pool_step(hall->pool, &guest->job, on_done, guest);
+    ls_job_pool_step(hall->pool, &guest->job, NULL, on_done, guest);
 }
 
 /* Only the watchdog ends an endless wait. */
