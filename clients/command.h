@@ -12,7 +12,7 @@
 #include <jansson.h>
 #include <stdbool.h>
 
-/** Exit codes, stable; clients/README.md explains them. */
+/** Exit codes, stable; lightstagectl(1) explains them. */
 enum ls_exit {
     LS_EXIT_OK = 0,
     LS_EXIT_NO = 1,          /* done, and the answer is no: damage found, take not complete */

@@ -3,7 +3,7 @@
  * Layer: daemon. Threads: loaded once on ls-main, read-only afterwards. Ownership: the ls_config
  * owns every string and array; free with ls_config_destroy.
  *
- * Every key is documented in daemon/README.md. An unknown key, a wrong type or a value out of
+ * Every key is documented in lightstaged.conf(5) and lightstage-rig(5). An unknown key, a wrong type or a value out of
  * range is LS_ERR_INVALID with file, line, key and what was expected.
  */
 #ifndef LS_DAEMON_CONFIG_H

@@ -27,7 +27,7 @@ static const char usage[] =
     "\n"
     "Run a light stage: sequence its lights, trigger its cameras, store and serve its takes.\n"
     "\n"
-    "  -c, --config FILE   daemon configuration; its keys are documented in daemon/README.md\n"
+    "  -c, --config FILE   daemon configuration; lightstaged.conf(5) has its keys\n"
     "      --ready-fd N    write one line of JSON to descriptor N once clients may connect\n"
     "      --check         read configuration, rig and calibration, say whether they are good\n"
     "  -h, --help          print this and exit\n"

@@ -93,7 +93,7 @@ struct ls_plan {
 };
 
 /**
- * Parse a plan (libconfig text, keys in daemon/README.md; `subject` is mandatory) against the rig.
+ * Parse a plan (libconfig text, keys in lightstage-plan(5); `subject` is mandatory) against the rig.
  * Errors: LS_ERR_INVALID with line and what was expected; LS_ERR_LIMIT. (transfer full).
  */
 LS_MUST_CHECK enum ls_err ls_plan_parse(const char *text, const struct ls_config *config,

@@ -21,7 +21,7 @@ def ask(rig, text, *words):
 
 def test_a_custom_list_is_what_the_lights_do(folder):
     rig = harness.twelve(folder).start()
-    with open(f"{harness.ROOT}/daemon/README.md", encoding="utf-8") as file:
+    with open(f"{harness.ROOT}/daemon/lightstage-plan.5.scd", encoding="utf-8") as file:
         example = file.read().split("```\n{ \"format\": 1", 1)[1].split("```")[0]
     assert json.loads('{ "format": 1' + example) == json.loads(LIST), "the documented example"
     code, out, err = ask(rig, LIST, "take", "start", "--json")
