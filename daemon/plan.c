@@ -1,5 +1,6 @@
 #include "daemon/plan.h"
 
+#include "daemon/conf_text.h"
 #include "daemon/plan_between.h"
 #include "daemon/plan_conditions.h"
 #include "daemon/plan_sweep.h"
@@ -132,14 +133,9 @@ enum ls_err ls_plan_parse(const char *text, const struct ls_config *config, stru
         ls_plan_destroy(b.plan);
         return ls_fail(diag, LS_ERR_NOMEM, "out of memory for a plan");
     }
-    enum ls_err err;
     config_init(&tree);
-    if (strstr(text, "@include")) { /* a client has no business in the daemon's file system */
-        err = ls_fail(diag, LS_ERR_INVALID, "plan: @include: expected the whole plan in one text");
-    } else if (!config_read_string(&tree, text)) {
-        err = ls_fail(diag, LS_ERR_INVALID, "plan:%d: %s", config_error_line(&tree),
-                      config_error_text(&tree));
-    } else {
+    enum ls_err err = ls_conf_text("plan", text, &tree, diag);
+    if (!err) {
         ls_conf_begin(&c, config_root_setting(&tree), "plan", diag);
         read_plan(&c, &b);
         err = ls_conf_finish(&c);
