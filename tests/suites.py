@@ -10,6 +10,7 @@ usage: tests/run [SUITE]       (tests/run installs what is missing, then starts 
   sanitize  unit tests under AddressSanitizer and UndefinedBehaviorSanitizer
   tsan      the daemon's unit tests under ThreadSanitizer
   rate      takes at the cameras' full rate, on an idle machine; --quick: 100 conditions each
+  fuzz      targets of tests/fuzz, 10 minutes each: tests/run fuzz [TARGET...] [--seconds S] [--keep D]
   soak      200 short takes under random mixtures of faults: tests/run soak [--takes N] [--seed S]
 """
 import json
@@ -22,6 +23,7 @@ import xml.etree.ElementTree as xml
 
 ROOT = os.path.dirname(os.path.dirname(os.path.abspath(__file__)))
 SOAK = os.path.join(ROOT, "tests", "integration", "soak.py")
+FUZZ = os.path.join(ROOT, "tests", "fuzz", "run.py")
 NOT_BUILT = 125  # meson test's exit code where its build fails
 CORES = len(os.sched_getaffinity(0))
 UNITS = ["--no-suite=integration"]
@@ -154,6 +156,13 @@ def soak(arguments):
                                      env={"LS_SOURCE_ROOT": ROOT, "LS_BUILD_ROOT": folder})
 
 
+def fuzz(arguments):
+    folder = build("build-sanitize", SANITIZE, "clang", whole=False)
+    if not folder or call("ninja", "-C", folder, "--quiet", "fuzz"):
+        return 2
+    return call("/usr/bin/python3", "-B", FUZZ, folder, *arguments)
+
+
 def rate(arguments):
     folder = build("build")
     if not folder:
@@ -165,7 +174,7 @@ def rate(arguments):
 def main():
     for number in INTERRUPTS:
         signal.signal(number, signal.default_int_handler)
-    runs = {"soak": soak, "rate": rate}
+    runs = {"soak": soak, "rate": rate, "fuzz": fuzz}
     if sys.argv[1:] and sys.argv[1] in runs:
         try:
             return runs[sys.argv[1]](sys.argv[2:])
