@@ -1,6 +1,7 @@
 #include "daemon/conf_read.h"
 
 #include <math.h>
+#include <libgen.h>
 #include <stdarg.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -205,4 +206,16 @@ const config_setting_t *ls_conf_child(struct ls_conf *conf, const char *key, int
         return NULL;
     }
     return s;
+}
+
+char *ls_conf_beside(const char *file, char *path)
+{
+    if (!path || path[0] == '/')
+        return path;
+    LS_CLEANUP_FREE char *copy = strdup(file);
+    char *joined = NULL;
+    if (copy && asprintf(&joined, "%s/%s", dirname(copy), path) < 0)
+        joined = NULL;
+    free(path);
+    return joined;
 }

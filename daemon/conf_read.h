@@ -55,6 +55,10 @@ bool ls_conf_numbers(struct ls_conf *conf, const char *key, double *out, unsigne
 /** A sub-setting of the given libconfig type (group, list or array); NULL if absent or wrong. */
 const config_setting_t *ls_conf_child(struct ls_conf *conf, const char *key, int type, bool needed);
 
+/** A path in a configuration file is relative to that file. @path: (transfer full), NULL stays
+ * NULL. (transfer full); NULL without memory. */
+char *ls_conf_beside(const char *file, char *path);
+
 /** Line of a setting, for messages. */
 unsigned ls_conf_line(const config_setting_t *setting);
 

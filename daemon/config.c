@@ -6,7 +6,6 @@
 
 #include <errno.h>
 #include <fcntl.h>
-#include <libgen.h>
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -22,19 +21,6 @@ static const char *const channel_kinds[] = {"spectrum", "polariser", NULL};
 static const char *const unit_words[] = {"m", "cm", "mm", NULL};
 static const char *const trigger_words[] = {"line", "software", NULL};
 static const char *const exposure_words[] = {"width", "timed", "auto", NULL};
-
-/* A path in a configuration file is relative to that file. Takes @path (transfer full). */
-static char *beside(const char *file, char *path)
-{
-    if (!path || path[0] == '/')
-        return path;
-    LS_CLEANUP_FREE char *copy = strdup(file);
-    char *joined = NULL;
-    if (copy && asprintf(&joined, "%s/%s", dirname(copy), path) < 0)
-        joined = NULL;
-    free(path);
-    return joined;
-}
 
 /* The column named like the channel, or the only one. */
 static void read_spectrum(struct ls_conf *c, const char *path, struct ls_config_channel *out)
@@ -69,7 +55,7 @@ static void read_channel(struct ls_conf *list, const config_setting_t *group,
     ls_conf_begin(&c, group, list->file, list->diag);
     out->name = ls_conf_need_string(&c, "name");
     out->polariser = ls_conf_word(&c, "kind", channel_kinds, 0) == 1;
-    LS_CLEANUP_FREE char *path = beside(list->file, ls_conf_string(&c, "spectrum", NULL));
+    LS_CLEANUP_FREE char *path = ls_conf_beside(list->file, ls_conf_string(&c, "spectrum", NULL));
     if (path && out->name)
         read_spectrum(&c, path, out);
     if (out->name &&
@@ -198,7 +184,7 @@ static void read_lights(struct ls_conf *rig, struct ls_config *config)
     if (rig->err)
         return;
     ls_conf_begin(&c, group, rig->file, rig->diag);
-    LS_CLEANUP_FREE char *path = beside(rig->file, ls_conf_need_string(&c, "positions"));
+    LS_CLEANUP_FREE char *path = ls_conf_beside(rig->file, ls_conf_need_string(&c, "positions"));
     LS_CLEANUP_FREE char *axes = ls_conf_string(&c, "axes", "right,up,towards");
     const char *unit = unit_words[ls_conf_word(&c, "unit", unit_words, 0)];
     struct ls_positions positions = {0};
@@ -301,9 +287,9 @@ static void read_work_light(struct ls_conf *daemon, struct ls_config *config)
 static void read_daemon(struct ls_conf *c, struct ls_config *config, const char *path)
 {
     long cpus = sysconf(_SC_NPROCESSORS_ONLN);
-    config->storage = beside(path, ls_conf_need_string(c, "storage"));
-    config->socket_path = beside(path, ls_conf_need_string(c, "socket"));
-    config->calibration_path = beside(path, ls_conf_string(c, "calibration", NULL));
+    config->storage = ls_conf_beside(path, ls_conf_need_string(c, "storage"));
+    config->socket_path = ls_conf_beside(path, ls_conf_need_string(c, "socket"));
+    config->calibration_path = ls_conf_beside(path, ls_conf_string(c, "calibration", NULL));
     config->merge_threads = (uint32_t)ls_conf_int(c, "merge_threads",
                                                   cpus < 1   ? 1
                                                   : cpus > 8 ? 8
@@ -315,8 +301,12 @@ static void read_daemon(struct ls_conf *c, struct ls_config *config, const char 
         (uint64_t)ls_conf_int(c, "reserve_bytes", 64 << 20, 0, INT64_C(1) << 50);
     config->queue_bytes =
         (uint64_t)ls_conf_int(c, "queue_bytes", 256 << 20, 1 << 20, INT64_C(1) << 40);
+    config->max_connections = (uint32_t)ls_conf_int(c, "max_connections", 128, 1, 4096);
+    config->max_connections_each = (uint32_t)ls_conf_int(c, "max_connections_each", 64, 1, 4096);
+    ls_conf_access(c, &config->access);
+    ls_conf_listen(c, &config->listen, &config->access);
     read_controller(c, &config->lights_driver);
-    LS_CLEANUP_FREE char *rig = beside(path, ls_conf_need_string(c, "rig"));
+    LS_CLEANUP_FREE char *rig = ls_conf_beside(path, ls_conf_need_string(c, "rig"));
     if (!c->err)
         read_rig(config, rig, c);
     if (!c->err)
@@ -371,6 +361,8 @@ void ls_config_destroy(struct ls_config *config)
     free((char *)config->lights_driver.address);
     free(config->lights);
     free(config->rig_name);
+    ls_access_finish(&config->access);
+    ls_listen_config_finish(&config->listen);
     free(config->storage);
     free(config->socket_path);
     free(config->calibration_path);

@@ -11,6 +11,7 @@
 
 #include "core/error.h"
 #include "core/spectrum.h"
+#include "daemon/conf_access.h"
 #include "drivers/camera.h"
 #include "drivers/lights.h"
 
@@ -70,6 +71,9 @@ struct ls_config {
     uint32_t retries;       /* repair passes before a shot is named missing, default 3 */
     uint64_t reserve_bytes; /* disk space never used, default 64 MiB */
     uint64_t queue_bytes;   /* memory for what waits for the disk, default 256 MiB */
+    uint32_t max_connections, max_connections_each; /* of all clients, of one; 128, 64 */
+    struct ls_access access;
+    struct ls_listen_config listen; /* without an address: the Unix socket alone */
 };
 
 /** Read the daemon file and the rig file it names (relative to it). (transfer full). */

@@ -1,6 +1,8 @@
 #include "daemon/listen.h"
 
 #include <errno.h>
+#include <netdb.h>
+#include <netinet/in.h>
 #include <stdio.h>
 #include <string.h>
 #include <sys/file.h>
@@ -17,7 +19,8 @@ static enum ls_err fill_address(const char *path, struct sockaddr_un *address, s
     memset(address, 0, sizeof *address);
     address->sun_family = AF_UNIX;
     if (!path || !path[0] || strlen(path) >= sizeof address->sun_path)
-        return ls_fail(diag, LS_ERR_INVALID, "socket path \"%.120s\": %zu characters, expected 1 to %zu",
+        return ls_fail(diag, LS_ERR_INVALID,
+                       "socket path \"%.120s\": %zu characters, expected 1 to %zu",
                        path ? path : "", path ? strlen(path) : 0, sizeof address->sun_path - 1);
     strcpy(address->sun_path, path);
     return LS_OK;
@@ -106,4 +109,62 @@ enum ls_err ls_listen_unix(const char *path, int *out, struct ls_diag *diag)
     else
         *out = fd;
     return err;
+}
+
+/* ---- TCP ---- */
+
+static enum ls_err resolve(const char *address, unsigned port, struct addrinfo **out,
+                           struct ls_diag *diag)
+{
+    struct addrinfo hints = {.ai_flags = AI_NUMERICHOST | AI_NUMERICSERV | AI_PASSIVE,
+                             .ai_socktype = SOCK_STREAM};
+    char service[16];
+    snprintf(service, sizeof service, "%u", port);
+    int failed = getaddrinfo(address, service, &hints, out);
+    return failed ? ls_fail(diag, LS_ERR_INVALID,
+                            "listen address \"%.60s\": %s; expected a numeric one of this host",
+                            address, gai_strerror(failed))
+                  : LS_OK;
+}
+
+static enum ls_err listen_at(int fd, const struct addrinfo *to, struct sockaddr_storage *bound)
+{
+    socklen_t size = sizeof *bound;
+    int on = 1;
+    if (setsockopt(fd, SOL_SOCKET, SO_REUSEADDR, &on, sizeof on) ||
+        bind(fd, to->ai_addr, to->ai_addrlen) || listen(fd, BACKLOG) ||
+        getsockname(fd, (struct sockaddr *)bound, &size))
+        return errno == EADDRINUSE      ? LS_ERR_BUSY
+               : errno == EADDRNOTAVAIL ? LS_ERR_INVALID
+                                        : LS_ERR_OS;
+    return LS_OK;
+}
+
+enum ls_err ls_listen_tcp(const char *address, unsigned port, int *out,
+                          struct sockaddr_storage *bound, struct ls_diag *diag)
+{
+    struct addrinfo *to = NULL;
+    enum ls_err err = resolve(address, port, &to, diag);
+    if (err)
+        return err;
+    int fd = socket(to->ai_family, SOCK_STREAM | SOCK_CLOEXEC | SOCK_NONBLOCK, 0);
+    err = fd < 0 ? LS_ERR_OS : listen_at(fd, to, bound);
+    if (err)
+        ls_fail(diag, err, "listen at %s port %u: %s", address, port, strerror(errno));
+    freeaddrinfo(to);
+    if (err && fd >= 0)
+        close(fd);
+    if (!err)
+        *out = fd;
+    return err;
+}
+
+void ls_listen_name(const struct sockaddr_storage *address, char *name, size_t size)
+{
+    char host[48], port[8];
+    if (getnameinfo((const struct sockaddr *)address, sizeof *address, host, sizeof host, port,
+                    sizeof port, NI_NUMERICHOST | NI_NUMERICSERV))
+        snprintf(name, size, "?");
+    else
+        snprintf(name, size, address->ss_family == AF_INET6 ? "[%s]:%s" : "%s:%s", host, port);
 }

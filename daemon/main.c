@@ -2,6 +2,7 @@
  * lightstaged: the daemon's life. Load the configuration, listen, serve until told to stop, and
  * leave the stage dark.
  */
+#include "daemon/arrivals.h"
 #include "daemon/config.h"
 #include "daemon/engine.h"
 #include "daemon/listen.h"
@@ -139,6 +140,8 @@ static enum ls_err prepare(struct daemon *d, const struct options *o, struct ls_
     if (!err)
         err = ls_listen_check(d->config->socket_path, diag);
     if (!err)
+        err = ls_arrivals_check(&d->config->listen, diag);
+    if (!err)
         err = prepare_storage(d->config->storage, diag);
     return err ? err : ls_engine_create(d->config, on_take, d, &d->engine, diag);
 }
@@ -147,7 +150,11 @@ static enum ls_err listen_for_clients(struct daemon *d, struct ls_diag *diag)
 {
     struct ls_server_config server = {.socket_path = d->config->socket_path,
                                       .storage = d->config->storage,
-                                      .spare_bytes = d->config->reserve_bytes};
+                                      .spare_bytes = d->config->reserve_bytes,
+                                      .access = &d->config->access,
+                                      .listen = &d->config->listen,
+                                      .max_connections = d->config->max_connections,
+                                      .max_connections_each = d->config->max_connections_each};
     int passed;
     enum ls_err err = ls_supervisor_socket(d->config->socket_path, &passed, diag);
     server.listener = passed > 0 ? passed : 0;
@@ -158,12 +165,15 @@ static void say_ready(const struct daemon *d, int fd)
 {
     char missing[256];
     ls_privileges_missing(missing, sizeof missing);
-    fprintf(stderr, "lightstaged %s: listening on %s\n", LS_VERSION, d->config->socket_path);
+    const char *remote = ls_server_remote_address(d->server);
+    fprintf(stderr, "lightstaged %s: listening on %s%s%s\n", LS_VERSION, d->config->socket_path,
+            remote ? " and at tls://" : "", remote ? remote : "");
     if (missing[0])
         fprintf(stderr, "lightstaged: running without %s\n", missing);
     ls_supervisor_ready(missing[0] ? "running without some privileges, see the log" : "ready");
-    if (fd >= 0 && dprintf(fd, "{\"ready\":true,\"pid\":%d,\"socket\":\"%s\"}\n", (int)getpid(),
-                           d->config->socket_path) < 0)
+    if (fd >= 0 && dprintf(fd, "{\"ready\":true,\"pid\":%d,\"socket\":\"%s\"%s%s%s}\n",
+                           (int)getpid(), d->config->socket_path, remote ? ",\"tls\":\"" : "",
+                           remote ? remote : "", remote ? "\"" : "") < 0)
         fprintf(stderr, "lightstaged: --ready-fd %d: %s\n", fd, strerror(errno));
 }
 

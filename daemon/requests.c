@@ -270,36 +270,71 @@ static void handle_cancel(const struct ls_call *call)
     answer(call, &body.base);
 }
 
+/* ---- who may ask for what ---- */
+
+static bool always(const struct ls_call *call)
+{
+    return true;
+}
+
+static bool if_slate_is_written(const struct ls_call *call)
+{
+    return ((const Lightstage__TakeSlate *)call->message)->write != NULL;
+}
+
+static bool if_camera_is_driven(const struct ls_call *call)
+{
+    return ((const Lightstage__Preview *)call->message)->exposure_us != 0;
+}
+
 static const struct {
     uint16_t type;
     void (*handle)(const struct ls_call *call);
+    bool (*takes_operator)(const struct ls_call *call); /* NULL: readers may */
 } handlers[] = {
-    {LS_MESSAGE_STATUS, ls_handle_status},
-    {LS_MESSAGE_METRICS, handle_metrics},
-    {LS_MESSAGE_RIG, handle_rig},
-    {LS_MESSAGE_PREFLIGHT, ls_handle_preflight},
-    {LS_MESSAGE_TAKE_START, ls_handle_take_start},
-    {LS_MESSAGE_TAKE_PROGRESS, handle_take_progress},
-    {LS_MESSAGE_TAKE_ABORT, handle_take_abort},
-    {LS_MESSAGE_TAKE_RESUME, ls_handle_take_resume},
-    {LS_MESSAGE_TAKE_LIST, handle_take_list},
-    {LS_MESSAGE_TAKE_SHOW, handle_take_show},
-    {LS_MESSAGE_TAKE_VERIFY, handle_take_verify},
-    {LS_MESSAGE_TAKE_SLATE, handle_take_slate},
-    {LS_MESSAGE_PREVIEW, handle_preview},
-    {LS_MESSAGE_FETCH, handle_fetch},
-    {LS_MESSAGE_RELIGHT, handle_relight},
-    {LS_MESSAGE_BLANK, ls_handle_blank},
-    {LS_MESSAGE_CANCEL, handle_cancel},
-    {LS_MESSAGE_CREDIT, handle_credit},
+    {LS_MESSAGE_STATUS, ls_handle_status, NULL},
+    {LS_MESSAGE_METRICS, handle_metrics, NULL},
+    {LS_MESSAGE_RIG, handle_rig, NULL},
+    {LS_MESSAGE_PREFLIGHT, ls_handle_preflight, always},
+    {LS_MESSAGE_TAKE_START, ls_handle_take_start, always},
+    {LS_MESSAGE_TAKE_PROGRESS, handle_take_progress, NULL},
+    {LS_MESSAGE_TAKE_ABORT, handle_take_abort, always},
+    {LS_MESSAGE_TAKE_RESUME, ls_handle_take_resume, always},
+    {LS_MESSAGE_TAKE_LIST, handle_take_list, NULL},
+    {LS_MESSAGE_TAKE_SHOW, handle_take_show, NULL},
+    {LS_MESSAGE_TAKE_VERIFY, handle_take_verify, NULL},
+    {LS_MESSAGE_TAKE_SLATE, handle_take_slate, if_slate_is_written},
+    {LS_MESSAGE_PREVIEW, handle_preview, if_camera_is_driven},
+    {LS_MESSAGE_FETCH, handle_fetch, NULL},
+    {LS_MESSAGE_RELIGHT, handle_relight, NULL},
+    {LS_MESSAGE_BLANK, ls_handle_blank, always},
+    {LS_MESSAGE_CANCEL, handle_cancel, NULL},
+    {LS_MESSAGE_CREDIT, handle_credit, NULL},
 };
+
+static void turn_down(const struct ls_call *call)
+{
+    const struct ls_peer *peer = ls_session_peer(call->session);
+    char who[96], text[192];
+    ls_peer_describe(peer, who, sizeof who);
+    g_message("%s, a reader, asked for %s", who, ls_message_name(call->type));
+    snprintf(text, sizeof text, "%s is a reader here, and this %s takes an operator", who,
+             ls_message_name(call->type));
+    ls_session_error(call->session, call->id, LS_PROTO_NOT_ALLOWED, text);
+}
 
 void ls_request_handle(struct ls_session *session, uint16_t type, uint32_t request,
                        const ProtobufCMessage *message, const uint8_t *payload,
                        size_t payload_bytes)
 {
     const struct ls_call call = {session, type, request, message, payload, payload_bytes};
-    for (size_t i = 0; i < G_N_ELEMENTS(handlers); i++)
-        if (handlers[i].type == type)
+    bool operates = ls_session_peer(session)->role == LS_ROLE_OPERATOR;
+    for (size_t i = 0; i < G_N_ELEMENTS(handlers); i++) {
+        if (handlers[i].type != type)
+            continue;
+        if (!operates && handlers[i].takes_operator && handlers[i].takes_operator(&call))
+            turn_down(&call);
+        else
             handlers[i].handle(&call);
+    }
 }

@@ -240,12 +240,13 @@ void ls_handle_preflight(const struct ls_call *call)
 static void reply_started(const struct asked *asked)
 {
     const struct ls_service *service = ls_session_service(asked->session);
-    const struct ls_peer *peer = ls_session_peer(asked->session);
+    char who[96];
     struct ls_take_status status = service->take;
     struct ls_take_reply take;
     Lightstage__TakeStartReply body = LIGHTSTAGE__TAKE_START_REPLY__INIT;
+    ls_peer_describe(ls_session_peer(asked->session), who, sizeof who);
     if (!asked->request.already)
-        g_message("take started by uid %u, pid %d", peer->uid, peer->pid);
+        g_message("take started by %s", who);
     ls_take_reply_fill(&take, &status);
     body.already = asked->request.already;
     if (strcmp(status.token, asked->token) == 0)

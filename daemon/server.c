@@ -1,5 +1,6 @@
 #include "daemon/server.h"
 
+#include "daemon/arrivals.h"
 #include "daemon/listen.h"
 #include "daemon/live.h"
 #include "daemon/service.h"
@@ -16,6 +17,7 @@ enum {
     HASH_BYTES = 64 << 20, /* of 8,000 pictures of 4 Mpx */
     TICK_MS = 250,
     IDLE_FIELDS = 2,
+    MAX_GROUPS = 65537,       /* NGROUPS_MAX of Linux, and the first */
     SEND_BYTES = 1024 * 1024, /* socket buffer asked for; the kernel caps it */
 };
 
@@ -24,13 +26,16 @@ struct ls_server {
     char *socket_path, *storage;
     int fd;
     guint accepting, ticking;
+    struct ls_arrivals *arrivals; /* NULL: no remote clients */
 };
 
 static void fill_defaults(struct ls_server_config *config)
 {
     unsigned processors = g_get_num_processors();
     if (!config->max_connections)
-        config->max_connections = 64;
+        config->max_connections = 128;
+    if (!config->max_connections_each)
+        config->max_connections_each = 64;
     if (!config->max_requests)
         config->max_requests = 8;
     if (!config->serve_threads)
@@ -43,13 +48,26 @@ static void fill_defaults(struct ls_server_config *config)
         config->max_payload = 1024 * 1024;
 }
 
-static bool peer_of(int fd, struct ls_peer *peer)
+static enum ls_role role_of(const struct ls_access *access, int fd, const struct ucred *peer)
+{
+    gid_t groups[MAX_GROUPS] = {peer->gid};
+    socklen_t size = (MAX_GROUPS - 1) * sizeof *groups;
+    size_t n = getsockopt(fd, SOL_SOCKET, SO_PEERGROUPS, groups + 1, &size) == 0
+                   ? 1 + size / sizeof *groups
+                   : 1;
+    return access ? ls_access_unix(access, peer->uid, groups, n) : LS_ROLE_OPERATOR;
+}
+
+static bool peer_of(const struct ls_access *access, int fd, struct ls_peer *peer)
 {
     struct ucred credentials;
     socklen_t size = sizeof credentials;
     if (getsockopt(fd, SOL_SOCKET, SO_PEERCRED, &credentials, &size))
         return false;
-    *peer = (struct ls_peer){credentials.pid, credentials.uid, credentials.gid};
+    *peer = (struct ls_peer){.role = role_of(access, fd, &credentials),
+                             .pid = credentials.pid,
+                             .uid = credentials.uid,
+                             .gid = credentials.gid};
     return true;
 }
 
@@ -61,15 +79,12 @@ static gboolean on_connection(gint listener, GIOCondition condition, gpointer da
     int fd = accept4(listener, NULL, NULL, SOCK_CLOEXEC | SOCK_NONBLOCK);
     if (fd < 0)
         return G_SOURCE_CONTINUE;
-    if (!peer_of(fd, &peer)) {
+    if (!peer_of(server->service.config.access, fd, &peer)) {
         close(fd);
         return G_SOURCE_CONTINUE;
     }
     setsockopt(fd, SOL_SOCKET, SO_SNDBUF, &size, sizeof size);
-    if (server->service.n_sessions >= server->service.config.max_connections)
-        ls_session_turn_away(fd, server->service.config.max_connections);
-    else
-        ls_session_start(&server->service, ls_transport_plain(fd), &peer);
+    ls_session_admit(&server->service, ls_transport_plain(fd), &peer);
     return G_SOURCE_CONTINUE;
 }
 
@@ -77,11 +92,21 @@ static gboolean on_tick(gpointer data)
 {
     struct ls_server *server = data;
     int64_t now = g_get_monotonic_time();
+    if (server->arrivals)
+        ls_arrivals_tick(server->arrivals, now);
     for (GList *l = server->service.sessions, *next; l; l = next) {
         next = l->next;
         ls_session_tick(l->data, now);
     }
     return G_SOURCE_CONTINUE;
+}
+
+static enum ls_err start(struct ls_server *server, struct ls_diag *diag)
+{
+    const struct ls_listen_config *remote = server->service.config.listen;
+    if (remote && remote->address)
+        return ls_arrivals_create(&server->service, remote, &server->arrivals, diag);
+    return LS_OK;
 }
 
 enum ls_err ls_server_create(const struct ls_server_config *config, struct ls_engine *engine,
@@ -104,10 +129,19 @@ enum ls_err ls_server_create(const struct ls_server_config *config, struct ls_en
     service->fields = ls_field_cache_create(server->storage, IDLE_FIELDS, config->spare_bytes);
     service->stored = ls_stored_tiles_create(HASH_BYTES);
     service->pool = ls_job_pool_create(service->config.serve_threads);
+    if ((err = start(server, diag))) {
+        ls_server_destroy(server);
+        return err;
+    }
     server->accepting = g_unix_fd_add(fd, G_IO_IN, on_connection, server);
     server->ticking = g_timeout_add(TICK_MS, on_tick, server);
     *out = server;
     return LS_OK;
+}
+
+const char *ls_server_remote_address(const struct ls_server *server)
+{
+    return server->arrivals ? ls_arrivals_address(server->arrivals) : NULL;
 }
 
 void ls_server_take_event(struct ls_server *server, const struct ls_take_status *status)
@@ -128,8 +162,12 @@ void ls_server_destroy(struct ls_server *server)
 {
     if (!server)
         return;
-    g_source_remove(server->accepting);
-    g_source_remove(server->ticking);
+    if (server->accepting)
+        g_source_remove(server->accepting);
+    if (server->ticking)
+        g_source_remove(server->ticking);
+    if (server->arrivals)
+        ls_arrivals_close(server->arrivals);
     ls_live_end(&server->service);
     if (!server->service.config.listener) /* else the path is not ours */
         unlink(server->socket_path);
@@ -137,6 +175,7 @@ void ls_server_destroy(struct ls_server *server)
     while (server->service.sessions)
         ls_session_shutdown(server->service.sessions->data);
     ls_job_pool_destroy(server->service.pool);
+    ls_arrivals_destroy(server->arrivals);
     ls_field_cache_destroy(server->service.fields);
     ls_stored_tiles_destroy(server->service.stored);
     g_free(server->socket_path);

@@ -23,7 +23,8 @@ struct ls_service {
     GList *sessions;            /* struct ls_session */
     unsigned n_sessions;
     uint64_t stalled_closed, events_skipped, pictures_skipped, credit_waits;
-    guint looking; /* live.h: source, 0 = nobody looks */
+    uint64_t refused; /* who came without the right to */
+    guint looking;    /* live.h: source, 0 = nobody looks */
 };
 
 #endif

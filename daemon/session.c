@@ -3,9 +3,15 @@
 #include "daemon/requests.h"
 
 #include <stdio.h>
-#include <stdlib.h>
-#include <sys/socket.h>
-#include <unistd.h>
+#include <string.h>
+
+void ls_peer_describe(const struct ls_peer *peer, char *text, size_t size)
+{
+    if (peer->remote)
+        snprintf(text, size, "certificate \"%s\"", peer->name);
+    else
+        snprintf(text, size, "pid %d of uid %u", peer->pid, peer->uid);
+}
 
 const struct ls_peer *ls_session_peer(const struct ls_session *session)
 {
@@ -110,8 +116,8 @@ static void on_wrote(void *user)
 static void greet(struct ls_session *session, const struct ls_frame_header *header,
                   const ProtobufCMessage *message)
 {
-    static char *capabilities[] = {(char *)"relight", (char *)"fetch", (char *)"resume",
-                                   (char *)"tiles", (char *)"credit"};
+    static char *capabilities[] = {(char *)"relight", (char *)"fetch",  (char *)"resume",
+                                   (char *)"tiles",   (char *)"credit", (char *)"roles"};
     const Lightstage__Hello *hello = (const Lightstage__Hello *)message;
     Lightstage__HelloReply reply = LIGHTSTAGE__HELLO_REPLY__INIT;
     if (hello->version != LS_FRAME_VERSION) {
@@ -128,6 +134,7 @@ static void greet(struct ls_session *session, const struct ls_frame_header *head
     reply.n_capabilities = G_N_ELEMENTS(capabilities);
     reply.max_message_bytes = LS_FRAME_MAX_MESSAGE;
     reply.max_payload_bytes = session->service->config.max_payload;
+    reply.role = (Lightstage__Role)session->peer.role;
     reply.max_requests = session->service->config.max_requests;
     ls_session_reply(session, header->request, LS_MESSAGE_HELLO | LS_MESSAGE_REPLY, &reply.base,
                      NULL, 0, true);
@@ -220,7 +227,9 @@ static const struct ls_traffic_ops traffic_ops = {on_frame, on_damaged, on_wrote
 static void close_stalled(struct ls_session *session)
 {
     session->service->stalled_closed++;
-    g_message("closing the connection of pid %d: nothing moved for %u ms", session->peer.pid,
+    char who[96];
+    ls_peer_describe(&session->peer, who, sizeof who);
+    g_message("closing the connection of %s: nothing moved for %u ms", who,
               session->service->config.stall_ms);
     ls_session_close(session);
 }
@@ -244,8 +253,8 @@ void ls_session_shutdown(struct ls_session *session)
     ls_session_release(session);
 }
 
-void ls_session_start(struct ls_service *service, struct ls_transport *transport,
-                      const struct ls_peer *peer)
+static struct ls_session *session_create(struct ls_service *service, struct ls_transport *transport,
+                                         const struct ls_peer *peer)
 {
     struct ls_session *session = g_new0(struct ls_session, 1);
     session->service = service;
@@ -257,23 +266,55 @@ void ls_session_start(struct ls_service *service, struct ls_transport *transport
                     &traffic_ops, session);
     service->sessions = g_list_prepend(service->sessions, session);
     service->n_sessions++;
-    ls_traffic_go_on(&session->traffic);
+    return session;
 }
 
-void ls_session_turn_away(int fd, unsigned max)
+static void turn_away(struct ls_session *session, uint32_t number, const char *text)
 {
-    Lightstage__Error error = LIGHTSTAGE__ERROR__INIT;
-    char text[96];
-    uint8_t *bytes = NULL;
-    size_t n = 0;
-    snprintf(text, sizeof text, "%u clients are connected already, at most %u allowed", max, max);
-    error.number = LS_PROTO_TOO_MANY;
-    error.text = text;
-    if (ls_message_frame(LS_MESSAGE_ERROR, 0, LS_FRAME_LAST, &error.base, 0, &bytes, &n, NULL) ==
-            LS_OK &&
-        send(fd, bytes, n, MSG_DONTWAIT | MSG_NOSIGNAL) != (ssize_t)n)
-        g_debug("a client left before it could be turned away");
-    free(bytes);
-    ls_transport_drain(fd);
-    close(fd);
+    session->service->refused += number == LS_PROTO_NOT_ALLOWED;
+    ls_session_hold(session);
+    refuse(session, 0, number, text);
+    ls_traffic_write_now(&session->traffic);
+    ls_session_close(session);
+    ls_session_release(session);
+}
+
+static bool same_peer(const struct ls_peer *a, const struct ls_peer *b)
+{
+    return a->remote == b->remote && (a->remote ? strcmp(a->name, b->name) == 0 : a->uid == b->uid);
+}
+
+static unsigned connections_of(const struct ls_service *service, const struct ls_peer *peer)
+{
+    unsigned n = 0;
+    for (const GList *l = service->sessions; l; l = l->next)
+        n += same_peer(&((const struct ls_session *)l->data)->peer, peer);
+    return n;
+}
+
+void ls_session_admit(struct ls_service *service, struct ls_transport *transport,
+                      const struct ls_peer *peer)
+{
+    const struct ls_server_config *config = &service->config;
+    struct ls_session *session = session_create(service, transport, peer);
+    char who[96], text[192];
+    ls_peer_describe(peer, who, sizeof who);
+    if (peer->role == LS_ROLE_NONE) {
+        g_message("%s is turned away: neither an operator nor a reader", who);
+        snprintf(text, sizeof text,
+                 "%s is neither an operator nor a reader of this daemon; its configuration says "
+                 "who is",
+                 who);
+        turn_away(session, LS_PROTO_NOT_ALLOWED, text);
+    } else if (service->n_sessions > config->max_connections) {
+        snprintf(text, sizeof text, "%u clients are connected already, at most %u allowed",
+                 config->max_connections, config->max_connections);
+        turn_away(session, LS_PROTO_TOO_MANY, text);
+    } else if (connections_of(service, peer) > config->max_connections_each) {
+        snprintf(text, sizeof text, "%s has %u connections already, at most %u allowed", who,
+                 config->max_connections_each, config->max_connections_each);
+        turn_away(session, LS_PROTO_TOO_MANY, text);
+    } else {
+        ls_traffic_go_on(&session->traffic);
+    }
 }

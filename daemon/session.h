@@ -7,6 +7,7 @@
 #ifndef LS_DAEMON_SESSION_H
 #define LS_DAEMON_SESSION_H
 
+#include "daemon/access.h"
 #include "daemon/job.h"
 #include "daemon/preview.h"
 #include "daemon/service.h"
@@ -19,18 +20,22 @@
 
 struct ls_session;
 
-/** Who is at the other end, as the kernel says. */
+/** Who is at the other end: of the Unix socket as the kernel says, else as its certificate says. */
 struct ls_peer {
-    int pid;
+    enum ls_role role;
+    bool remote;
+    int pid; /* not of a remote one, as uid and gid */
     unsigned uid, gid;
+    char name[65]; /* common name of a remote one */
 };
 
-/** Serve whoever is at the other end of @transport (transfer full). */
-void ls_session_start(struct ls_service *service, struct ls_transport *transport,
-                      const struct ls_peer *peer);
+/** "pid 17 of uid 1000", "node-1". */
+void ls_peer_describe(const struct ls_peer *peer, char *text, size_t size);
 
-/** There are @max connections already: say so to @fd (transfer full) and close it. */
-void ls_session_turn_away(int fd, unsigned max);
+/** Serve whoever is at the other end of @transport (transfer full), or say why not and hang up: no
+ * role, too many connections, too many of this peer. */
+void ls_session_admit(struct ls_service *service, struct ls_transport *transport,
+                      const struct ls_peer *peer);
 
 const struct ls_peer *ls_session_peer(const struct ls_session *session);
 struct ls_service *ls_session_service(const struct ls_session *session);

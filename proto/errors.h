@@ -24,7 +24,7 @@ enum ls_proto_error {
     LS_PROTO_BAD_ARGUMENT = 107,    /* a value is malformed or out of range */
     LS_PROTO_UNSUPPORTED = 108,     /* well formed, and asks for what this daemon does not do */
     LS_PROTO_OVER_LIMIT = 109,      /* a documented limit of a request */
-    LS_PROTO_NOT_ALLOWED = 110,     /* the peer may not do this; closes */
+    LS_PROTO_NOT_ALLOWED = 110,     /* not with this client's role; with none (closes) */
     /* 2xx: right request, wrong moment or wrong name */
     LS_PROTO_WRONG_STATE = 200,
     LS_PROTO_BUSY = 201, /* another take runs */

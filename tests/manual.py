@@ -13,7 +13,7 @@ import sys
 ROOT, BUILD, CTL = (os.path.abspath(path) for path in sys.argv[1:4])
 # which page has the keys that a file reads; of config.c, the functions that read the daemon's file
 PAGES = {"plan": "lightstage-plan.5", "rig": "lightstage-rig.5", "daemon": "lightstaged.conf.5"}
-KEY = re.compile(r'ls_conf_(?:need_)?(?:string|word|int|number|numbers|bool|child)\(\s*[&\w]+,\s*"(\w+)"')
+KEY = re.compile(r'(?:ls_conf_(?:need_)?(?:string|word|int|number|numbers|bool|child)|read_(?:ids|names))\(\s*[&\w]+,\s*"(\w+)"')
 ENV = {**os.environ, "PATH": os.path.dirname(CTL) + os.pathsep + os.environ["PATH"]}
 
 
@@ -32,7 +32,7 @@ def keys():
     """(page, key) of every key that is read."""
     daemon = os.path.join(ROOT, "daemon")
     for name in sorted(os.listdir(daemon)):
-        if name.endswith(".c") and name.startswith(("plan", "config")):
+        if name.endswith(".c") and name.startswith(("plan", "config", "conf_access")):
             for key in KEY.findall(read(daemon, name)):
                 yield "plan" if name.startswith("plan") else "config", key
 
