@@ -18,8 +18,9 @@ struct options {
     const char *channel, *lights, *output;
     const char *coefficients; /* "harmonics", "gradients", or NULL: lights */
     Lightstage__Promotion promotion;
-    bool rgb, estimate, half, full_sphere, promoted, validity, variance;
-    uint32_t camera;
+    Lightstage__Layout layout;
+    bool estimate, half, full_sphere, promoted, validity, variance;
+    uint32_t camera, level;
     Lightstage__Region region;
 };
 
@@ -37,6 +38,17 @@ struct fetch {
     FILE *csv_stream; /* into it */
 };
 
+static int layout_option(const char *text, Lightstage__Layout *out)
+{
+    static const char *const names[] = {"mosaic", "rgb", "mono"};
+    for (size_t i = 0; i < sizeof names / sizeof *names; i++)
+        if (strcmp(text, names[i]) == 0) {
+            *out = (Lightstage__Layout)i;
+            return LS_EXIT_OK;
+        }
+    return ls_command_wrong("--layout %s: expected mosaic, rgb or mono", text);
+}
+
 static int parse_option(struct options *out, int option)
 {
     switch (option) {
@@ -50,10 +62,7 @@ static int parse_option(struct options *out, int option)
         out->output = optarg;
         return LS_EXIT_OK;
     case 5:
-        out->rgb = strcmp(optarg, "rgb") == 0;
-        if (!out->rgb && strcmp(optarg, "mosaic") != 0)
-            return ls_command_wrong("--layout %s: expected mosaic or rgb", optarg);
-        return LS_EXIT_OK;
+        return layout_option(optarg, &out->layout);
     case 6:
         out->estimate = true;
         return LS_EXIT_OK;
@@ -72,6 +81,10 @@ static int parse_option(struct options *out, int option)
                    ? LS_EXIT_OK
                    : ls_command_wrong("--camera %s: expected the number of a camera, from 0",
                                       optarg);
+    case 14:
+        return ls_level_option(optarg, &out->level)
+                   ? LS_EXIT_OK
+                   : ls_command_wrong("--level %s: expected 0 (full size), 1 or 2", optarg);
     case 12:
         out->validity = true;
         return LS_EXIT_OK;
@@ -100,9 +113,9 @@ static int check_promotion(const struct options *o)
                                 model);
     if (o->estimate)
         return ls_command_wrong("fetch: --estimate is photographed: leave out --model %s", model);
-    if (!o->rgb)
+    if (o->layout == LIGHTSTAGE__LAYOUT__MOSAIC)
         return ls_command_wrong("fetch: --model %s makes RGB pictures, as ratios are formed after "
-                                "demosaicing: add --layout rgb",
+                                "demosaicing: add --layout rgb or mono",
                                 model);
     return LS_EXIT_OK;
 }
@@ -121,6 +134,7 @@ static int parse(struct ls_command_context *context, int argc, char **argv, stru
                                             {"coefficients", required_argument, NULL, 11},
                                             {"validity", no_argument, NULL, 12},
                                             {"variance", no_argument, NULL, 13},
+                                            {"level", required_argument, NULL, 14},
                                             LS_PROMOTION_OPTIONS,
                                             LS_COMMON_OPTIONS};
     lightstage__promotion__init(&out->promotion);
@@ -140,10 +154,13 @@ static int parse(struct ls_command_context *context, int argc, char **argv, stru
     if (out->coefficients && (out->full_sphere || out->lights || out->estimate || out->promoted))
         return ls_command_wrong("fetch: --coefficients are sums over all lights, as photographed: "
                                 "leave out --lights, --full-sphere, --estimate and --model");
-    if ((out->validity || out->variance) && (out->rgb || out->coefficients))
+    if (out->coefficients && (out->level || out->layout == LIGHTSTAGE__LAYOUT__MONO))
+        return ls_command_wrong("fetch: --coefficients come full size, as mosaic or rgb");
+    if ((out->validity || out->variance) &&
+        (out->layout != LIGHTSTAGE__LAYOUT__MOSAIC || out->level || out->coefficients))
         return ls_command_wrong(
             "fetch: --validity and --variance are of photographed pixels: leave "
-            "out --layout rgb and --coefficients");
+            "out --layout, --level and --coefficients");
     return check_promotion(out);
 }
 
@@ -158,7 +175,8 @@ static void fill_attributes(const struct fetch *fetch, const Lightstage__FetchRe
     ls_promotion_report_attrs(&fetch->report, false, attrs);
     ls_exr_attrs_float(attrs, "expTime", (float)d->longest_exposure_s);
     ls_exr_attrs_string(attrs, "lightstage/channel", o->channel);
-    ls_exr_attrs_string(attrs, "lightstage/cfa", o->rgb ? "none" : ls_cfa_name(d->cfa));
+    ls_exr_attrs_string(attrs, "lightstage/cfa",
+                        o->layout != LIGHTSTAGE__LAYOUT__MOSAIC ? "none" : ls_cfa_name(d->cfa));
     ls_exr_attrs_string(attrs, "lightstage/units",
                         o->estimate ? "full scale / s x referenceExposure" : "R");
     ls_exr_attrs_int(attrs, "lightstage/blackSubtracted", 1);
@@ -197,8 +215,8 @@ static enum ls_err write_picture(struct fetch *fetch, const Lightstage__FetchRep
     char path[4096];
     const struct options *o = fetch->options;
     struct ls_exr_attrs attrs = {0};
-    const struct ls_picture_place place = {(int32_t)o->region.x, (int32_t)o->region.y,
-                                           fetch->document->width, fetch->document->height};
+    const struct ls_picture_place place =
+        ls_level_place(&o->region, o->level, fetch->document->width, fetch->document->height);
     int n = o->full_sphere ? snprintf(path, sizeof path, "%s.exr", o->output)
                            : snprintf(path, sizeof path, "%s.%04u.exr", o->output, band->light + 1);
     if (n >= (int)sizeof path)
@@ -291,7 +309,8 @@ static enum ls_err send_request(struct fetch *fetch, uint32_t *request)
     body.region = &region;
     Lightstage__Promotion promotion = o->promotion;
     body.promotion = &promotion;
-    body.layout = o->rgb ? LIGHTSTAGE__LAYOUT__RGB : LIGHTSTAGE__LAYOUT__MOSAIC;
+    body.layout = o->layout;
+    body.level = o->level;
     body.quantity =
         o->estimate ? LIGHTSTAGE__QUANTITY__ESTIMATE : LIGHTSTAGE__QUANTITY__REFLECTANCE;
     body.sample = o->half ? LIGHTSTAGE__SAMPLE__HALF : LIGHTSTAGE__SAMPLE__FLOAT;
@@ -379,7 +398,7 @@ static int fetch_coefficients(struct ls_command_context *context, const char *ta
         .channel = o->channel,
         .output = o->output,
         .gradients = strcmp(o->coefficients, "gradients") == 0,
-        .rgb = o->rgb,
+        .rgb = o->layout == LIGHTSTAGE__LAYOUT__RGB,
         .half = o->half,
         .camera = o->camera,
         .region = o->region,
@@ -412,7 +431,7 @@ static int run(struct ls_command_context *context, int argc, char **argv)
 const struct ls_command ls_command_fetch = {
     "fetch", "Pictures of the field as OpenEXR, with a JSON and a CSV list beside them",
     "TAKE --channel NAME --output PREFIX [--lights 0,5,7-9] [--full-sphere]\n" LS_PROMOTION_USAGE
-    "         [--layout mosaic|rgb] [--estimate] [--half] [--validity] [--variance]\n"
-    "         [--region X,Y,WIDTH,HEIGHT] [--camera N] [--json]\n"
+    "         [--layout mosaic|rgb|mono] [--estimate] [--half] [--validity] [--variance]\n"
+    "         [--region X,Y,WIDTH,HEIGHT] [--level 0|1|2] [--camera N] [--json]\n"
     "   or: TAKE --channel NAME --output PREFIX --coefficients harmonics|gradients ...",
     run};

@@ -6,6 +6,7 @@
 #include "clients/picture_file.h"
 #include "clients/promotion_option.h"
 #include "clients/relight_options.h"
+#include "clients/region_option.h"
 #include "clients/relight_request.h"
 #include "clients/weights_file.h"
 
@@ -65,8 +66,8 @@ static enum ls_err write_exr(const struct work *work, uint32_t picture, const ch
     const struct ls_relight_options *options = work->options;
     const struct ls_take_document *document = work->document;
     struct ls_exr_attrs attrs = {0};
-    const struct ls_picture_place place = {(int32_t)options->region.x, (int32_t)options->region.y,
-                                           document->width, document->height};
+    const struct ls_picture_place place =
+        ls_level_place(&options->region, options->level, document->width, document->height);
     const char *light = ls_relight_light(options, picture), *file = strrchr(light, '/');
     ls_picture_attrs_take(document, work->result.calibrated, &attrs);
     ls_promotion_report_attrs(&work->result.report, options->solve.solve == LS_LIGHT_TRISTIMULUS,
@@ -358,7 +359,7 @@ const struct ls_command ls_command_relight = {
     "         [--tikhonov T] [--row-weights FILE.json]\n"
     "         [--cells nearest|smooth] [--profile paper]\n"
     "         [--rotate DEG,DEG,...] [--space rec709-linear|camera-raw]\n" LS_PROMOTION_USAGE
-    "         [--region X,Y,WIDTH,HEIGHT] [--exposure STOPS] [--max-error E]\n"
+    "         [--region X,Y,WIDTH,HEIGHT] [--level 0|1|2] [--exposure STOPS] [--max-error E]\n"
     "         [--camera N] [--json]\n"
     "       lightstagectl relight TAKE --weights FILE.json... --output FILE.exr [...]\n"
     "         instead of an environment: {\"W\": [one per light, radiance x sr], ...};\n"

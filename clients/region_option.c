@@ -1,5 +1,7 @@
 #include "clients/region_option.h"
 
+#include "core/level.h"
+
 #include <ctype.h>
 #include <errno.h>
 #include <stdlib.h>
@@ -29,6 +31,18 @@ bool ls_region_option(const char *text, Lightstage__Region *out)
             return false;
     }
     return *text == '\0' && out->width > 0 && out->height > 0;
+}
+
+bool ls_level_option(const char *text, uint32_t *out)
+{
+    return next_number(&text, out) && *text == '\0' && *out <= LS_LEVEL_MAX;
+}
+
+struct ls_picture_place ls_level_place(const Lightstage__Region *region, uint32_t level,
+                                       uint32_t width, uint32_t height)
+{
+    return (struct ls_picture_place){(int32_t)(region->x >> level), (int32_t)(region->y >> level),
+                                     ls_level_size(width, level), ls_level_size(height, level)};
 }
 
 bool ls_camera_option(const char *text, uint32_t *out)

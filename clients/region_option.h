@@ -5,6 +5,7 @@
 #ifndef LS_CLIENTS_REGION_OPTION_H
 #define LS_CLIENTS_REGION_OPTION_H
 
+#include "clients/picture_file.h"
 #include "proto/lightstage.pb-c.h"
 
 #include <stdbool.h>
@@ -13,6 +14,13 @@
 
 /** "X,Y,WIDTH,HEIGHT", width and height at least 1. */
 bool ls_region_option(const char *text, Lightstage__Region *out);
+
+/** A level: 0 (full size) to LS_LEVEL_MAX. */
+bool ls_level_option(const char *text, uint32_t *out);
+
+/** Where the pictures of a level lie that were asked for by @region. */
+struct ls_picture_place ls_level_place(const Lightstage__Region *region, uint32_t level,
+                                       uint32_t width, uint32_t height);
 
 /** The number of a camera, from 0. */
 bool ls_camera_option(const char *text, uint32_t *out);

@@ -61,7 +61,8 @@ static int set(struct ls_relight_options *out, int option)
         CELLS,
         PROFILE,
         TIKHONOV,
-        ROW_WEIGHTS
+        ROW_WEIGHTS,
+        LEVEL
     };
     out->solved |= option == SOLVE || option == METHOD || option == CELLS || option == ROTATE ||
                    option == TIKHONOV || option == ROW_WEIGHTS;
@@ -129,6 +130,10 @@ static int set(struct ls_relight_options *out, int option)
                    ? LS_EXIT_OK
                    : ls_command_wrong("--camera %s: expected the number of a camera, from 0",
                                       optarg);
+    case LEVEL:
+        return ls_level_option(optarg, &out->level)
+                   ? LS_EXIT_OK
+                   : ls_command_wrong("--level %s: expected 0 (full size), 1 or 2", optarg);
     case REGION:
         return ls_region_option(optarg, &out->region)
                    ? LS_EXIT_OK
@@ -186,6 +191,7 @@ int ls_relight_options_parse(struct ls_command_context *context, int argc, char 
                                             {"profile", required_argument, NULL, 14},
                                             {"tikhonov", required_argument, NULL, 15},
                                             {"row-weights", required_argument, NULL, 16},
+                                            {"level", required_argument, NULL, 17},
                                             LS_PROMOTION_OPTIONS,
                                             LS_COMMON_OPTIONS};
     lightstage__promotion__init(&out->promotion);

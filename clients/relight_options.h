@@ -35,6 +35,7 @@ struct ls_relight_options {
     enum ls_map_space space;
     uint32_t camera;
     Lightstage__Region region;
+    uint32_t level;
 };
 
 /** LS_EXIT_OK or the exit code, said already. *out: zeroed; finish in any case. */

@@ -160,6 +160,7 @@ static enum ls_err send(struct ls_command_context *context,
     body.region = &region;
     body.max_error = options->max_error;
     body.camera = options->camera;
+    body.level = options->level;
     return ls_connection_send(context->connection, LS_MESSAGE_RELIGHT, &body.base, rows,
                               each * asked->n * sizeof *rows, request, &context->diag);
 }

@@ -253,11 +253,11 @@ static enum ls_err check(const Lightstage__Fetch *fetch, struct ls_diag *diag)
         return ls_fail(diag, LS_ERR_INVALID,
                        "fetch: conditions take no channel, lights or full_sphere");
     if (fetch->promotion || fetch->model != LIGHTSTAGE__MODEL__MEASURED ||
-        fetch->layout != LIGHTSTAGE__LAYOUT__MOSAIC ||
+        fetch->layout != LIGHTSTAGE__LAYOUT__MOSAIC || fetch->level ||
         fetch->quantity != LIGHTSTAGE__QUANTITY__ESTIMATE)
         return ls_fail(diag, LS_ERR_UNSUPPORTED,
                        "fetch: a condition comes as it is stored: ask for the estimate, measured, "
-                       "as mosaic");
+                       "as mosaic, full size");
     return LS_OK;
 }
 

@@ -5,6 +5,7 @@
 #include "daemon/light_set.h"
 #include "daemon/picture_region.h"
 #include "daemon/pixel_quality.h"
+#include "daemon/reduction.h"
 #include "daemon/render.h"
 #include "daemon/rgb_band.h"
 #include "proto/frame.h"
@@ -23,14 +24,17 @@ struct fetch_job {
     char take[128], channel_name[32];
     uint32_t camera;
     bool reported; /* what was done for the picture at hand */
-    bool started, full_sphere, rgb, estimate, half;
+    bool started, full_sphere, rgb, mono, estimate, half; /* mono: by way of rgb */
     struct ls_pixel_quality quality;
     struct ls_tiles tiles;
-    struct ls_demosaic_region asked,
-        region;             /* region: what is read for it of the picture at hand */
-    uint32_t *lights;       /* NULL = all, until the first step */
-    size_t n_lights, light; /* current index */
-    uint32_t row;           /* next, in the region */
+    struct ls_reduction reduction;
+    struct ls_demosaic_region asked, region, /* region: what is sent of the picture at hand, in its
+                                                level's pixels */
+        read;                                /* full-size pixels that it is made of */
+    uint32_t read_row;                       /* next, in them */
+    uint32_t *lights;                        /* NULL = all, until the first step */
+    size_t n_lights, light;                  /* current index */
+    uint32_t row;                            /* next, in the region */
     uint32_t channel;
     struct ls_promotion promotion;
     struct ls_way way;        /* of single lights */
@@ -44,6 +48,7 @@ static void fetch_destroy(struct ls_job *job)
     if (self->source)
         ls_field_cache_put(self->cache, self->source);
     ls_tiles_finish(&self->tiles);
+    ls_reduction_finish(&self->reduction);
     free(self->lights);
     g_free(self);
 }
@@ -73,7 +78,8 @@ static bool promoted(const struct fetch_job *self)
  * are rendered. */
 static bool promoted_as_halves(const struct fetch_job *self)
 {
-    return self->half && self->rgb && self->way.kind == LS_WAY_RATIO && !coloured(self) &&
+    return self->half && self->rgb && !ls_reduction_any(&self->reduction) &&
+           self->way.kind == LS_WAY_RATIO && !coloured(self) &&
            !ls_light_set_is_summed(self->way.set);
 }
 
@@ -122,6 +128,16 @@ static enum ls_err check_quality(const struct fetch_job *self, struct ls_diag *d
     return LS_OK;
 }
 
+static enum ls_err check_layout(struct fetch_job *self, struct ls_diag *diag)
+{
+    if (self->mono)
+        return ls_reduction_make_mono(&self->reduction, self->source->facts, diag);
+    if (self->reduction.level > 0 && !self->rgb && self->source->field.n_channels > 1)
+        return ls_fail(diag, LS_ERR_UNSUPPORTED,
+                       "fetch: a mosaic of colours has no level but 0; ask for rgb or mono");
+    return LS_OK;
+}
+
 static enum ls_err start(struct fetch_job *self, struct ls_diag *diag)
 {
     enum ls_err err = self->source ? LS_OK /* it waited for maps */
@@ -135,6 +151,8 @@ static enum ls_err start(struct fetch_job *self, struct ls_diag *diag)
                        self->channel_name);
     self->channel = (uint32_t)channel;
     err = ls_picture_region_check(&self->asked, self->source->width, self->source->height, diag);
+    if (!err)
+        err = check_layout(self, diag);
     if (!err && !self->full_sphere)
         err = ls_promotion_find(self->source, &self->promotion, self->channel, &self->job,
                                 &self->way, diag);
@@ -142,6 +160,8 @@ static enum ls_err start(struct fetch_job *self, struct ls_diag *diag)
         err = check_quality(self, diag);
     if (!err)
         err = choose_lights(self, diag);
+    if (!err)
+        self->asked = ls_level_region(self->asked, self->reduction.level);
     self->region = self->asked;
     self->started = !err;
     return err;
@@ -232,7 +252,7 @@ static enum ls_err open_render(struct fetch_job *self, struct ls_diag *diag)
                                       .n_pictures = 1,
                                       .mosaic = !self->rgb,
                                       .k_alone = self->estimate,
-                                      .region = self->region,
+                                      .region = self->read,
                                       .asker = &self->job};
     return ls_render_open(self->source, &job, &self->render, diag);
 }
@@ -269,19 +289,25 @@ static enum ls_err halve(struct ls_chunk *chunk, size_t n, struct ls_diag *diag)
     return LS_OK;
 }
 
+/* Of full-size pixels: what is made of them is made of floats. */
+static bool sends_halves(const struct fetch_job *self)
+{
+    return self->half && !ls_reduction_any(&self->reduction);
+}
+
 /* One component per pixel, gained. */
 static enum ls_err read_mosaic(const struct fetch_job *self, const struct picture *picture,
                                struct ls_demosaic_region r, struct ls_chunk *chunk,
                                struct ls_diag *diag)
 {
-    if (self->half && self->estimate) {
+    if (sends_halves(self) && self->estimate) {
         ls_picture_map_read_half(picture->map, r.x, r.y, r.width, r.height,
                                  (uint16_t *)(void *)chunk->payload);
         return LS_OK;
     }
     ls_picture_map_read(picture->map, r.x, r.y, r.width, r.height, (float)picture->gain,
                         (float *)(void *)chunk->payload);
-    return self->half ? halve(chunk, (size_t)r.width * r.height, diag) : LS_OK;
+    return sends_halves(self) ? halve(chunk, (size_t)r.width * r.height, diag) : LS_OK;
 }
 
 /* Values of a band of one picture as they go over the wire. */
@@ -301,8 +327,8 @@ static enum ls_err make_payload(const struct fetch_job *self, const struct pictu
         band.ratio = map->values + ((size_t)r.y * self->source->width + r.x) * map->depth;
         band.ratio_stride = (size_t)self->source->width * map->depth;
     }
-    return self->half ? ls_rgb_band_halves(&band, (uint16_t *)(void *)chunk->payload, diag)
-                      : ls_rgb_band_floats(&band, (float *)(void *)chunk->payload, diag);
+    return sends_halves(self) ? ls_rgb_band_halves(&band, (uint16_t *)(void *)chunk->payload, diag)
+                              : ls_rgb_band_floats(&band, (float *)(void *)chunk->payload, diag);
 }
 
 static void describe(const struct fetch_job *self, const struct picture *picture,
@@ -320,15 +346,17 @@ static void describe(const struct fetch_job *self, const struct picture *picture
     body->reference_exposure_s = self->source->facts->reference_exposure_s;
     body->gain_k = picture->k;
     body->calibrated = self->source->calibrated;
+    body->level = self->reduction.level;
 }
 
 static enum ls_err picture_band(struct fetch_job *self, const struct picture *picture,
                                 struct ls_demosaic_region *band, uint32_t components,
                                 struct ls_chunk *chunk, struct ls_diag *diag)
 {
-    uint32_t left = self->region.height - self->row;
-    *band = (struct ls_demosaic_region){self->region.x, self->region.y + self->row,
-                                        self->region.width, left < BAND_ROWS ? left : BAND_ROWS};
+    const struct ls_demosaic_region *r = &self->read;
+    uint32_t left = r->height - self->read_row, most = BAND_ROWS << self->reduction.level;
+    *band = (struct ls_demosaic_region){r->x, r->y + self->read_row, r->width,
+                                        left < most ? left : most};
     return make_payload(self, picture, *band, components, chunk, diag);
 }
 
@@ -338,8 +366,9 @@ static enum ls_err promoted_band(struct fetch_job *self, struct ls_demosaic_regi
     float *values = NULL;
     enum ls_err err = next_promoted(self, band, &values, diag);
     chunk->payload = (uint8_t *)values;
-    return err || !self->half ? err
-                              : halve(chunk, (size_t)band->width * band->height * components, diag);
+    return err || !sends_halves(self)
+               ? err
+               : halve(chunk, (size_t)band->width * band->height * components, diag);
 }
 
 static void next_picture(struct fetch_job *self)
@@ -349,14 +378,65 @@ static void next_picture(struct fetch_job *self)
     self->light++;
 }
 
+/* Values of the next rows of full-size pixels: @chunk's payload. */
+static enum ls_err read_band(struct fetch_job *self, const struct picture *picture,
+                             struct ls_demosaic_region *band, struct ls_chunk *chunk,
+                             struct ls_diag *diag)
+{
+    uint32_t components = self->rgb ? self->source->field.n_channels : 1;
+    enum ls_err err = promoted(self) && !promoted_as_halves(self)
+                          ? promoted_band(self, band, components, chunk, diag)
+                          : picture_band(self, picture, band, components, chunk, diag);
+    self->read_row += err ? 0 : band->height;
+    return err;
+}
+
+/* The same, until a row is made of them. */
+static enum ls_err reduced_band(struct fetch_job *self, const struct picture *picture,
+                                struct ls_demosaic_region *band, uint32_t components,
+                                struct ls_chunk *chunk, struct ls_diag *diag)
+{
+    uint32_t made = 0;
+    enum ls_err err = LS_OK;
+    while (!err && made == 0) {
+        struct ls_chunk full = {0};
+        float *rows = NULL;
+        err = read_band(self, picture, band, &full, diag);
+        if (!err)
+            err = ls_reduction_add(&self->reduction, (float *)(void *)full.payload, band->height,
+                                   &rows, &made, diag);
+        free(full.payload);
+        free(chunk->payload);
+        chunk->payload = (uint8_t *)rows;
+    }
+    *band = (struct ls_demosaic_region){self->region.x, self->region.y + self->row,
+                                        self->region.width, made};
+    size_t n = (size_t)band->width * made * components;
+    if (err || !self->half)
+        return err;
+    ls_reduction_clamp((float *)(void *)chunk->payload, n);
+    return halve(chunk, n, diag);
+}
+
+static enum ls_err begin_rows(struct fetch_job *self, struct ls_diag *diag)
+{
+    uint32_t level = self->reduction.level;
+    self->read = ls_level_needs(self->region, level, self->source->width, self->source->height);
+    self->read_row = 0;
+    return ls_reduction_begin(&self->reduction, &self->read,
+                              self->rgb ? self->source->field.n_channels : 1, diag);
+}
+
 /* Values of the next rows, as they go over the wire: @chunk's payload. */
 static enum ls_err next_band(struct fetch_job *self, const struct picture *picture,
                              struct ls_demosaic_region *band, uint32_t components,
                              struct ls_chunk *chunk, struct ls_diag *diag)
 {
-    enum ls_err err = promoted(self) && !promoted_as_halves(self)
-                          ? promoted_band(self, band, components, chunk, diag)
-                          : picture_band(self, picture, band, components, chunk, diag);
+    enum ls_err err = self->row == 0 ? begin_rows(self, diag) : LS_OK;
+    if (!err)
+        err = ls_reduction_any(&self->reduction)
+                  ? reduced_band(self, picture, band, components, chunk, diag)
+                  : read_band(self, picture, band, chunk, diag);
     if (err)
         return err;
     chunk->payload_bytes =
@@ -404,7 +484,7 @@ static enum ls_err make_band(struct fetch_job *self, const struct picture *pictu
 /* Nothing is done to the picture. */
 static bool as_stored(const struct fetch_job *self)
 {
-    return self->estimate && self->half && !self->rgb && !promoted(self);
+    return self->estimate && sends_halves(self) && !self->rgb && !promoted(self);
 }
 
 static void release_source(void *owner, void *what)
@@ -442,7 +522,8 @@ static enum ls_err begin_tiles(struct fetch_job *self, uint32_t components, bool
 {
     self->region = self->asked;
     enum ls_err err =
-        ls_tiles_begin(&self->tiles, self->source->width, self->source->height,
+        ls_tiles_begin(&self->tiles, ls_level_size(self->source->width, self->reduction.level),
+                       ls_level_size(self->source->height, self->reduction.level),
                        components * (self->half ? 2 : sizeof(float)), &self->region, diag);
     *any = !err && self->region.height > 0;
     if (!err && !*any) {
@@ -474,7 +555,8 @@ static enum ls_err next_frame(struct fetch_job *self, struct ls_chunk *chunk, bo
                               struct ls_diag *diag)
 {
     struct picture picture = {0};
-    uint32_t components = self->rgb ? self->source->field.n_channels : 1;
+    uint32_t components =
+        self->rgb && !self->reduction.luminance ? self->source->field.n_channels : 1;
     enum ls_err err = self->full_sphere ? sphere_picture(self, &picture, diag)
                                         : light_picture(self, &picture, diag);
     if (err)
@@ -497,6 +579,9 @@ static enum ls_err check(const Lightstage__Fetch *fetch, struct ls_diag *diag)
 {
     if (strlen(fetch->channel) < 1 || strlen(fetch->channel) > 31)
         return ls_fail(diag, LS_ERR_INVALID, "fetch: expected the name of a channel");
+    if (fetch->layout > LIGHTSTAGE__LAYOUT__MONO)
+        return ls_fail(diag, LS_ERR_UNSUPPORTED, "fetch: layout %d is not known",
+                       (int)fetch->layout);
     if (fetch->n_lights > LS_MAX_LIGHTS)
         return ls_fail(diag, LS_ERR_LIMIT, "fetch: %zu lights, at most %d", fetch->n_lights,
                        LS_MAX_LIGHTS);
@@ -534,6 +619,8 @@ enum ls_err ls_fetch_job_create(uint32_t request, struct ls_field_cache *cache,
     if (!err)
         err = check_promotion(fetch, &promotion, diag);
     if (!err)
+        err = ls_reduction_check_level(fetch->level, diag);
+    if (!err)
         err = ls_pixel_quality_check(fetch, diag);
     if (err)
         return err;
@@ -544,7 +631,9 @@ enum ls_err ls_fetch_job_create(uint32_t request, struct ls_field_cache *cache,
     snprintf(self->channel_name, sizeof self->channel_name, "%s", fetch->channel);
     self->camera = fetch->camera;
     self->full_sphere = fetch->full_sphere;
-    self->rgb = fetch->layout == LIGHTSTAGE__LAYOUT__RGB;
+    self->mono = fetch->layout == LIGHTSTAGE__LAYOUT__MONO;
+    self->rgb = fetch->layout == LIGHTSTAGE__LAYOUT__RGB || self->mono;
+    self->reduction.level = fetch->level;
     self->promotion = promotion;
     self->estimate = fetch->quantity == LIGHTSTAGE__QUANTITY__ESTIMATE;
     self->half = fetch->sample == LIGHTSTAGE__SAMPLE__HALF;

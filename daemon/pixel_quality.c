@@ -17,6 +17,10 @@ enum ls_err ls_pixel_quality_check(const Lightstage__Fetch *fetch, struct ls_dia
         return ls_fail(
             diag, LS_ERR_UNSUPPORTED,
             "fetch: validity and variance are of photographed pixels; ask for the mosaic");
+    if ((fetch->variance || fetch->validity) && fetch->level > 0)
+        return ls_fail(diag, LS_ERR_UNSUPPORTED,
+                       "fetch: validity and variance are of photographed pixels, not of means of "
+                       "them; ask for level 0");
     return LS_OK;
 }
 

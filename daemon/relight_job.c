@@ -1,8 +1,10 @@
 #include "daemon/relight_job.h"
 
+#include "core/level.h"
 #include "core/relight.h"
 #include "daemon/crew.h"
 #include "daemon/picture_region.h"
+#include "daemon/reduction.h"
 #include "daemon/render.h"
 #include "proto/frame.h"
 #include "proto/message.h"
@@ -26,7 +28,9 @@ struct relight_job {
     uint32_t n_rows; /* of one picture */
     float *weights;  /* [n_pictures][n_rows][n_lights] as sent */
     double max_error;
-    struct ls_demosaic_region region;
+    struct ls_demosaic_region region; /* full-size pixels, whole ones of the level */
+    uint32_t level;
+    struct ls_level_rows *rows; /* [n_pictures], if level > 0 */
     struct ls_demosaic_region band;
     float *pixels; /* of the band, [n_pictures][height][width][3]; NULL: none is being sent */
     uint32_t next_picture; /* of the band */
@@ -40,6 +44,9 @@ static void relight_destroy(struct ls_job *job)
     ls_render_close(self->render);
     if (self->source)
         ls_field_cache_put(self->cache, self->source);
+    for (uint32_t i = 0; i < self->n_pictures && self->rows; i++)
+        ls_level_rows_finish(&self->rows[i]);
+    free(self->rows);
     free(self->pixels);
     free(self->weights);
     g_free(self);
@@ -112,6 +119,21 @@ static enum ls_err open_render(struct relight_job *self, struct ls_diag *diag)
     return err ? err : ls_render_open(self->source, &job, &self->render, diag);
 }
 
+static enum ls_err begin_level(struct relight_job *self, struct ls_diag *diag)
+{
+    enum ls_err err = LS_OK;
+    if (self->level == 0 || self->rows)
+        return LS_OK;
+    self->region = ls_level_needs(ls_level_region(self->region, self->level), self->level,
+                                  self->source->width, self->source->height);
+    self->rows = calloc(self->n_pictures, sizeof *self->rows);
+    if (!self->rows)
+        return ls_fail(diag, LS_ERR_NOMEM, "out of memory");
+    for (uint32_t i = 0; i < self->n_pictures && !err; i++)
+        err = ls_level_rows_init(&self->rows[i], self->level, &self->region, 3, diag);
+    return err;
+}
+
 static enum ls_err start(struct relight_job *self, struct ls_diag *diag)
 {
     enum ls_err err = self->source ? LS_OK /* it waited for maps */
@@ -123,16 +145,36 @@ static enum ls_err start(struct relight_job *self, struct ls_diag *diag)
         return ls_fail(diag, LS_ERR_LIMIT, "weights for %u lights, the take has %u", self->n_lights,
                        self->source->field.n_lights);
     err = ls_picture_region_check(&self->region, self->source->width, self->source->height, diag);
+    if (!err)
+        err = begin_level(self, diag);
     return err ? err : open_render(self, diag);
 }
 
 /* ---- bands ---- */
 
+/* The band that was rendered becomes its level's, in the level's pixels; perhaps of no row. */
+static enum ls_err reduce_band(struct relight_job *self, struct ls_diag *diag)
+{
+    struct ls_demosaic_region from = self->band, to = ls_level_region(from, self->level);
+    size_t in = 3 * (size_t)from.width * from.height, room = 3 * (size_t)to.width * to.height;
+    float *out = malloc(room * self->n_pictures * sizeof *out), *next = out;
+    if (!out)
+        return ls_fail(diag, LS_ERR_NOMEM, "out of memory for a band of a picture");
+    for (uint32_t i = 0; i < self->n_pictures; i++, next += 3 * (size_t)to.width * to.height)
+        to.height = ls_level_rows_add(&self->rows[i], self->pixels + in * i, from.height, next);
+    free(self->pixels);
+    self->pixels = out;
+    self->band = to;
+    return LS_OK;
+}
+
 static void describe(const struct relight_job *self, Lightstage__RelightReply *body)
 {
     lightstage__relight_reply__init(body);
-    body->width = self->region.width;
-    body->height = self->region.height;
+    struct ls_demosaic_region sent = ls_level_region(self->region, self->level);
+    body->width = sent.width;
+    body->height = sent.height;
+    body->level = self->level;
     body->calibrated = self->source->calibrated;
 }
 
@@ -163,11 +205,18 @@ static enum ls_err send_band(struct relight_job *self, struct ls_chunk *chunk, s
     if (!self->pixels) {
         self->next_picture = 0;
         err = ls_render_step(self->render, &self->band, &self->pixels, &self->complete, diag);
+        if (!err && self->level > 0)
+            err = reduce_band(self, diag);
     }
     if (err)
         return err;
+    if (self->band.height == 0) { /* the next one completes its row */
+        free(self->pixels);
+        self->pixels = NULL;
+        return LS_OK;
+    }
     describe(self, &body);
-    body.first_row = self->band.y - self->region.y;
+    body.first_row = self->band.y - (self->region.y >> self->level);
     body.n_rows = self->band.height;
     body.picture = self->next_picture;
     err = take_part(self, chunk, diag);
@@ -187,7 +236,7 @@ static enum ls_err send_report(struct relight_job *self, struct ls_chunk *chunk,
     for (uint32_t i = 0; i < report.n_spectra; i++)
         spectra[i] = &report.spectra[i];
     describe(self, &body);
-    body.first_row = self->region.height;
+    body.first_row = body.height;
     body.lights_used = report.lights_used;
     body.lights_skipped = self->n_lights - report.lights_used;
     body.tiles_skipped = report.tiles_skipped;
@@ -232,6 +281,9 @@ static enum ls_err check(const Lightstage__Relight *relight, uint32_t n_rows, si
 {
     size_t n_pictures = pictures_of(relight);
     bool tristimulus = relight->mode == LIGHTSTAGE__WEIGHT_MODE__TRISTIMULUS;
+    enum ls_err err = ls_reduction_check_level(relight->level, diag);
+    if (err)
+        return err;
     if (relight->mode > LIGHTSTAGE__WEIGHT_MODE__PER_TARGET)
         return ls_fail(diag, LS_ERR_UNSUPPORTED, "relight: weight mode %d is not known",
                        (int)relight->mode);
@@ -304,6 +356,7 @@ enum ls_err ls_relight_job_create(uint32_t request, struct ls_field_cache *cache
     self->n_rows = n_rows;
     self->n_lights = relight->n_lights;
     self->max_error = relight->max_error;
+    self->level = relight->level;
     self->region = ls_picture_region_of(relight->region);
     self->weights = g_memdup2(payload, payload_bytes);
     err = check_finite(self, diag);

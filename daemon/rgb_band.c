@@ -1,7 +1,7 @@
 #include "daemon/rgb_band.h"
 
+#include "core/factored.h"
 #include "core/half.h"
-#include "core/promote_tile.h"
 
 #include <stdlib.h>
 
@@ -72,13 +72,7 @@ static enum ls_err promoted_halves(const struct ls_rgb_band *band, uint16_t *out
     if (err)
         return err;
     ratio_halves(band, ratio);
-    const struct ls_promote_tile tile = {.white = room,
-                                         .n_spectra = 1,
-                                         .ratio = (const uint16_t *const[]){ratio},
-                                         .out = (uint16_t *const[]){out},
-                                         .n = n,
-                                         .gain = (float)band->gain};
-    ls_promote_tile(&tile);
+    ls_factored_expand(room, (float)band->gain, ratio, n, out);
     return LS_OK;
 }
 

@@ -5,7 +5,7 @@
  *
  * A mono camera's one component is as stored, gained. Floats are the demosaic of the stored halves
  * times the gain. Halves are their nearest halves, except under a ratio: there white's demosaiced
- * halves are promoted by core/promote_tile, with the ratio as halves. Three roundings instead of
+ * halves are promoted by core/factored, with the ratio as halves. Three roundings instead of
  * one: within 1.5e-3 of the floats that daemon/render makes, relative, and 2^-24 of (white's value
  * + the ratio) where a half is denormal. What lies beyond half's range becomes +-65504.
  */

@@ -116,8 +116,10 @@ static void on_wrote(void *user)
 static void greet(struct ls_session *session, const struct ls_frame_header *header,
                   const ProtobufCMessage *message)
 {
-    static char *capabilities[] = {(char *)"relight", (char *)"fetch",  (char *)"resume",
-                                   (char *)"tiles",   (char *)"credit", (char *)"roles"};
+    static char *capabilities[] = {
+        (char *)"relight", (char *)"fetch", (char *)"resume", (char *)"tiles",
+        (char *)"credit",  (char *)"roles", (char *)"levels", (char *)"mono",
+    };
     const Lightstage__Hello *hello = (const Lightstage__Hello *)message;
     Lightstage__HelloReply reply = LIGHTSTAGE__HELLO_REPLY__INIT;
     if (hello->version != LS_FRAME_VERSION) {

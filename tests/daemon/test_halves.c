@@ -156,6 +156,26 @@ static double off_by(struct room *room, Lightstage__Quantity quantity, Lightstag
     return worst;
 }
 
+/* A mono camera's one component, whatever makes it; its mosaic has levels, too. */
+static void mono_is_what_a_mono_camera_saw(struct room *room, gconstpointer data)
+{
+    static const Lightstage__Model all[] = {LIGHTSTAGE__MODEL__MEASURED, LIGHTSTAGE__MODEL__SPHERE};
+    static const Lightstage__Sample samples[] = {LIGHTSTAGE__SAMPLE__FLOAT,
+                                                 LIGHTSTAGE__SAMPLE__HALF};
+    for (int k = 0; k < 8; k++) {
+        room->fetch.model = all[k % 2];
+        room->fetch.level = (uint32_t)k / 4;
+        room->fetch.layout = LIGHTSTAGE__LAYOUT__RGB;
+        GByteArray *rgb = fetched(room, k % 2 ? 'R' : 'W', samples[k / 2 % 2]);
+        room->fetch.layout = k % 2 ? LIGHTSTAGE__LAYOUT__MONO : LIGHTSTAGE__LAYOUT__MOSAIC;
+        GByteArray *mono = fetched(room, k % 2 ? 'R' : 'W', samples[k / 2 % 2]);
+        g_assert_cmpuint(mono->len, >, 0);
+        g_assert_cmpmem(mono->data, mono->len, rgb->data, rgb->len);
+        g_byte_array_unref(mono);
+        g_byte_array_unref(rgb);
+    }
+}
+
 /* A few roundings of a float. */
 static void lights_of_every_colour_have_their_own_gains(struct room *room, gconstpointer data)
 {
@@ -179,6 +199,7 @@ int main(int argc, char **argv)
         promoted_lights_are_within_three_roundings);
     ADD("promoted-mono-lights-are-within-three-roundings", &mono,
         promoted_lights_are_within_three_roundings);
+    ADD("mono-is-what-a-mono-camera-saw", &mono, mono_is_what_a_mono_camera_saw);
     ADD("other-ways-are-the-nearest-halves", NULL, other_ways_are_the_nearest_halves);
     ADD("sums-of-pictures-are-the-nearest-halves", &rows, sums_of_pictures_are_the_nearest_halves);
     ADD("lights-of-every-colour-have-their-own-gains", &coloured,
