@@ -169,28 +169,29 @@ static void release_map(void *owner, void *map)
 
 /* Floats: a row of tiles at a time. */
 static enum ls_err make_tiles(struct condition_job *self, struct ls_chunk *chunk,
-                              Lightstage__FetchReply *body, struct ls_diag *diag)
+                              Lightstage__FetchReply *body, bool *there, struct ls_diag *diag)
 {
+    enum ls_err err = ls_tiles_tell(&self->tiles, chunk, body, there, diag);
+    if (err || *there)
+        return err;
     struct ls_chunk values = {0};
     uint32_t left = self->region.height - self->row, y = self->region.y + self->row;
     uint32_t rows = left < LS_EXR_TILE_PX ? left : LS_EXR_TILE_PX;
     const struct ls_demosaic_region band = {self->region.x, y, self->region.width, rows};
-    enum ls_err err = read_rows(self, rows, &values, body, diag);
+    err = read_rows(self, rows, &values, body, diag);
     if (!err)
         err = ls_tiles_add(&self->tiles, band, values.payload, diag);
     ls_chunk_finish(&values);
-    if (!err)
-        (void)ls_tiles_take(&self->tiles, chunk, body);
-    return err;
+    return err ? err : ls_tiles_take(&self->tiles, chunk, body, there, diag);
 }
 
 static enum ls_err next_tiles(struct condition_job *self, struct ls_chunk *chunk,
-                              Lightstage__FetchReply *body, struct ls_diag *diag)
+                              Lightstage__FetchReply *body, bool *there, struct ls_diag *diag)
 {
     const struct ls_tiles_holder holder = {release_map, NULL, self->map};
     describe(self, 0, body);
     if (!self->half)
-        return make_tiles(self, chunk, body, diag);
+        return make_tiles(self, chunk, body, there, diag);
     g_atomic_rc_box_acquire(self->map);
     return ls_tiles_lend(&self->tiles, self->map, &holder, chunk, body, diag);
 }
@@ -220,11 +221,11 @@ static enum ls_err next_frame(struct condition_job *self, struct ls_chunk *chunk
     enum ls_err err = self->map ? LS_OK : begin_picture(self, &any, diag);
     if (err || !any)
         return err;
-    err = self->tiles.wanted ? next_tiles(self, chunk, &body, diag)
+    err = self->tiles.wanted ? next_tiles(self, chunk, &body, &any, diag)
                              : make_band(self, chunk, &body, diag);
     if (!err)
         err = check_file(self, diag);
-    if (err)
+    if (err || !any)
         return err;
     if (self->tiles.wanted ? ls_tiles_end(&self->tiles) : self->row == self->region.height)
         next_picture(self);

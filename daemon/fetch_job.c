@@ -508,12 +508,14 @@ static enum ls_err make_tiles(struct fetch_job *self, const struct picture *pict
 {
     struct ls_demosaic_region band = {0};
     struct ls_chunk values = {0};
-    enum ls_err err = next_band(self, picture, &band, components, &values, diag);
+    enum ls_err err = ls_tiles_tell(&self->tiles, chunk, body, there, diag);
+    if (err || *there)
+        return err;
+    err = next_band(self, picture, &band, components, &values, diag);
     if (!err)
         err = ls_tiles_add(&self->tiles, band, values.payload, diag);
     ls_chunk_finish(&values);
-    *there = !err && ls_tiles_take(&self->tiles, chunk, body);
-    return err;
+    return err ? err : ls_tiles_take(&self->tiles, chunk, body, there, diag);
 }
 
 /* False: the picture has none that are asked for. */

@@ -2,6 +2,7 @@
 
 #include <stdlib.h>
 #include <string.h>
+#include <unistd.h>
 
 enum { SPANS = 512 }; /* the kernel takes 1024 */
 
@@ -11,7 +12,14 @@ void ls_chunk_finish(struct ls_chunk *chunk)
     free(chunk->payload);
     if (chunk->lent)
         chunk->lent->give_back(chunk->lent);
+    if (chunk->passes)
+        close(chunk->fd);
     memset(chunk, 0, sizeof *chunk);
+}
+
+uint64_t ls_chunk_payload(const struct ls_chunk *chunk)
+{
+    return chunk->payload_bytes + (chunk->lent ? chunk->lent->n_bytes : 0) + chunk->handed_bytes;
 }
 
 size_t ls_chunk_bytes(const struct ls_chunk *chunk)
@@ -89,14 +97,25 @@ static void add_chunk(struct spans *to, const struct ls_chunk *chunk)
         add_span(to, chunk->lent->spans[k].iov_base, chunk->lent->spans[k].iov_len);
 }
 
-/* The chunks stay where they are until the writer drops them. */
-static void collect(struct ls_outbox *outbox, struct spans *spans)
+static bool passes(const GList *link)
 {
+    return ((const struct ls_chunk *)link->data)->passes;
+}
+
+/* The chunks stay where they are until the writer drops them. A descriptor goes with the first byte
+ * of what is written: a chunk that has one begins it. */
+static int collect(struct ls_outbox *outbox, struct spans *spans)
+{
+    int fd = -1;
     *spans = (struct spans){.n = 0, .skip = outbox->written};
     g_mutex_lock(&outbox->lock);
-    for (GList *l = outbox->chunks.head; l && spans->n < SPANS; l = l->next)
+    const GList *first = outbox->chunks.head;
+    if (first && passes(first) && outbox->written == 0)
+        fd = ((struct ls_chunk *)first->data)->fd;
+    for (const GList *l = first; l && spans->n < SPANS && (l == first || !passes(l)); l = l->next)
         add_chunk(spans, l->data);
     g_mutex_unlock(&outbox->lock);
+    return fd;
 }
 
 /* The first chunk, if all of it is written. */
@@ -132,8 +151,9 @@ enum ls_err ls_outbox_write(struct ls_outbox *outbox, struct ls_transport *trans
         return LS_ERR_BUSY;
     while (!err && n > 0 && ls_outbox_waiting(outbox) > 0) {
         struct spans spans;
-        collect(outbox, &spans);
-        err = ls_transport_write(transport, spans.span, spans.n, &n);
+        int fd = collect(outbox, &spans);
+        err = fd < 0 ? ls_transport_write(transport, spans.span, spans.n, &n)
+                     : ls_transport_write_fd(transport, spans.span, spans.n, fd, &n);
         drop_written(outbox, n);
         *sent += n;
     }

@@ -29,13 +29,19 @@ struct ls_lent {
 struct ls_chunk {
     uint8_t *head, *payload;
     size_t head_bytes, payload_bytes;
-    struct ls_lent *lent; /* or NULL */
+    struct ls_lent *lent;  /* or NULL */
+    bool passes;           /* a descriptor goes with the head, to whoever is at the other end */
+    int fd;                /* then closed here */
+    uint64_t handed_bytes; /* that it gives access to: counted as payload, where credit is */
 };
 
 /** Free the spans, give back what is lent, and zero. */
 void ls_chunk_finish(struct ls_chunk *chunk);
 
-/** Of the whole frame. */
+/** What the client gets, by any way, beside the head. */
+uint64_t ls_chunk_payload(const struct ls_chunk *chunk);
+
+/** Of the whole frame, as written. */
 size_t ls_chunk_bytes(const struct ls_chunk *chunk);
 
 struct ls_outbox {

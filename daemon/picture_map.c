@@ -128,6 +128,26 @@ void ls_picture_map_read_half(const struct ls_picture_map *map, uint32_t x, uint
     read_halfs(&map->tiles, x, y, width, height, out);
 }
 
+bool ls_picture_map_tile_is_whole(const struct ls_picture_map *map, uint32_t number)
+{
+    const struct ls_exr_tiles *t = &map->tiles;
+    return ls_exr_tile_width(t, number % t->n_x) == LS_EXR_TILE_PX &&
+           ls_exr_tile_height(t, number / t->n_x) == LS_EXR_TILE_PX;
+}
+
+const uint8_t *ls_picture_map_tile(const struct ls_picture_map *map, uint32_t number, uint8_t *room)
+{
+    const struct ls_exr_tiles *t = &map->tiles;
+    uint32_t w = ls_exr_tile_width(t, number % t->n_x), h = ls_exr_tile_height(t, number / t->n_x);
+    if (ls_picture_map_tile_is_whole(map, number))
+        return t->tile[number];
+    memset(room, 0, (size_t)2 * LS_EXR_TILE_PX * LS_EXR_TILE_PX);
+    for (uint32_t y = 0; y < h; y++)
+        memcpy(room + (size_t)2 * LS_EXR_TILE_PX * y, t->tile[number] + (size_t)2 * w * y,
+               (size_t)2 * w);
+    return room;
+}
+
 /* The number a half says, or -1. */
 static int validity_of(uint16_t half)
 {

@@ -55,6 +55,14 @@ void ls_picture_map_read(const struct ls_picture_map *map, uint32_t x, uint32_t 
 void ls_picture_map_read_half(const struct ls_picture_map *map, uint32_t x, uint32_t y,
                               uint32_t width, uint32_t height, uint16_t *out);
 
+/** Is tile @number 64 x 64 pixels, not cut at the picture's edge? */
+bool ls_picture_map_tile_is_whole(const struct ls_picture_map *map, uint32_t number);
+
+/** The halves [64][64] of a tile, 0 beyond the picture: in place (any alignment) where it is whole,
+ * else in @room. */
+const uint8_t *ls_picture_map_tile(const struct ls_picture_map *map, uint32_t number,
+                                   uint8_t *room);
+
 /** The validity (core/merge.h) of the same pixels, a byte each: all ok where the file has no such
  * part. LS_ERR_INVALID: it is not of this picture, or its values are no validity; LS_ERR_NOMEM. */
 LS_MUST_CHECK enum ls_err ls_picture_map_validity(const struct ls_picture_map *map, uint32_t x,

@@ -182,7 +182,8 @@ static void handle_fetch(const struct ls_call *call)
     const struct ls_service *service = ls_session_service(call->session);
     struct ls_tiles tiles;
     enum ls_err err =
-        ls_tiles_read(fetch, call->payload, call->payload_bytes, service->stored, &tiles, &diag);
+        ls_tiles_read(fetch, call->payload, call->payload_bytes, service->stored,
+                      ls_session_passes_fds(call->session) ? service->memfds : NULL, &tiles, &diag);
     if (!err)
         err = fetch->n_conditions
                   ? ls_condition_job_create(call->id, service->config.storage, fetch, &tiles, &job,

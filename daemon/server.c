@@ -14,6 +14,7 @@
 #include <unistd.h>
 
 enum {
+    MEMFD_BYTES = 256 << 20,
     HASH_BYTES = 64 << 20, /* of 8,000 pictures of 4 Mpx */
     TICK_MS = 250,
     IDLE_FIELDS = 2,
@@ -127,6 +128,7 @@ enum ls_err ls_server_create(const struct ls_server_config *config, struct ls_en
     fill_defaults(&service->config);
     service->engine = engine;
     service->fields = ls_field_cache_create(server->storage, IDLE_FIELDS, config->spare_bytes);
+    service->memfds = ls_memfds_create(MEMFD_BYTES);
     service->stored = ls_stored_tiles_create(HASH_BYTES);
     service->pool = ls_job_pool_create(service->config.serve_threads);
     if ((err = start(server, diag))) {
@@ -177,6 +179,7 @@ void ls_server_destroy(struct ls_server *server)
     ls_job_pool_destroy(server->service.pool);
     ls_arrivals_destroy(server->arrivals);
     ls_field_cache_destroy(server->service.fields);
+    ls_memfds_destroy(server->service.memfds);
     ls_stored_tiles_destroy(server->service.stored);
     g_free(server->socket_path);
     g_free(server->storage);

@@ -8,6 +8,7 @@
 #include "daemon/engine.h"
 #include "daemon/field_cache.h"
 #include "daemon/job.h"
+#include "daemon/memfds.h"
 #include "daemon/server.h"
 #include "daemon/stored_tiles.h"
 
@@ -17,6 +18,7 @@ struct ls_service {
     struct ls_server_config config; /* defaults filled in; read-only, any thread */
     struct ls_engine *engine;
     struct ls_field_cache *fields;  /* any thread */
+    struct ls_memfds *memfds;       /* any thread */
     struct ls_stored_tiles *stored; /* any thread */
     struct ls_job_pool *pool;
     struct ls_take_status take; /* last reported */

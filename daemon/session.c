@@ -18,6 +18,11 @@ const struct ls_peer *ls_session_peer(const struct ls_session *session)
     return &session->peer;
 }
 
+bool ls_session_passes_fds(const struct ls_session *session)
+{
+    return ls_transport_passes_fds(session->traffic.transport);
+}
+
 struct ls_service *ls_session_service(const struct ls_session *session)
 {
     return session->service;
@@ -117,8 +122,8 @@ static void greet(struct ls_session *session, const struct ls_frame_header *head
                   const ProtobufCMessage *message)
 {
     static char *capabilities[] = {
-        (char *)"relight", (char *)"fetch", (char *)"resume", (char *)"tiles",
-        (char *)"credit",  (char *)"roles", (char *)"levels", (char *)"mono",
+        (char *)"relight", (char *)"fetch", (char *)"resume", (char *)"tiles", (char *)"credit",
+        (char *)"memfd",   (char *)"roles", (char *)"levels", (char *)"mono",
     };
     const Lightstage__Hello *hello = (const Lightstage__Hello *)message;
     Lightstage__HelloReply reply = LIGHTSTAGE__HELLO_REPLY__INIT;

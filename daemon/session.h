@@ -54,6 +54,9 @@ void ls_session_error(struct ls_session *session, uint32_t request, uint32_t num
 void ls_session_fail(struct ls_session *session, uint32_t request, enum ls_err err,
                      enum ls_proto_context about, const struct ls_diag *diag);
 
+/** Can its client be given descriptors? */
+bool ls_session_passes_fds(const struct ls_session *session);
+
 /** Run a job for this session; (transfer full). Its request is in job->request. */
 void ls_session_run(struct ls_session *session, struct ls_job *job);
 

@@ -30,7 +30,7 @@ void ls_session_drop_requests(struct ls_session *session)
 static bool send_frame(void *user, struct ls_job *job, struct ls_chunk *chunk)
 {
     struct ls_session *session = user;
-    bool credit_ends = ls_job_use_credit(job, ls_chunk_bytes(chunk) - chunk->head_bytes);
+    bool credit_ends = ls_job_use_credit(job, ls_chunk_payload(chunk));
     return ls_traffic_send(&session->traffic, chunk) && !credit_ends;
 }
 

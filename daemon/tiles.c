@@ -3,6 +3,7 @@
 #include <glib.h>
 #include <stdlib.h>
 #include <string.h>
+#include <unistd.h>
 
 enum { SIDE = LS_EXR_TILE_PX, LENT_BYTES = 1 << 20, MOST_LISTED = 4096 };
 
@@ -12,8 +13,8 @@ static enum ls_err out_of_memory(struct ls_diag *diag)
 }
 
 enum ls_err ls_tiles_read(const Lightstage__Fetch *fetch, const uint8_t *payload, size_t n,
-                          struct ls_stored_tiles *stored, struct ls_tiles *out,
-                          struct ls_diag *diag)
+                          struct ls_stored_tiles *stored, struct ls_memfds *memfds,
+                          struct ls_tiles *out, struct ls_diag *diag)
 {
     *out = (struct ls_tiles){.wanted = fetch->tiles, .stored = stored, .first = fetch->first_tile};
     if (!fetch->tiles)
@@ -21,8 +22,15 @@ enum ls_err ls_tiles_read(const Lightstage__Fetch *fetch, const uint8_t *payload
                    ? ls_fail(diag, LS_ERR_INVALID,
                              "fetch: hashes, first_tile and memfd are of tiles; ask for tiles")
                    : LS_OK;
-    if (fetch->memfd)
-        return ls_fail(diag, LS_ERR_UNSUPPORTED, "fetch: this daemon hands no memfd over");
+    if (fetch->memfd && !memfds)
+        return ls_fail(diag, LS_ERR_UNSUPPORTED,
+                       "fetch: a memfd travels over a Unix socket only, and this connection is "
+                       "none; leave memfd out");
+    if (fetch->memfd && fetch->credit_bytes == 0)
+        return ls_fail(diag, LS_ERR_INVALID,
+                       "fetch: with memfd, credit_bytes says how much memory may be filled before "
+                       "a Credit; expected more than 0");
+    out->memfds = fetch->memfd ? memfds : NULL;
     if (fetch->variance || fetch->validity)
         return ls_fail(diag, LS_ERR_UNSUPPORTED,
                        "fetch: variance and validity come with rows, not with tiles");
@@ -44,6 +52,9 @@ static void forget_picture(struct ls_tiles *tiles)
     free(tiles->hash);
     free(tiles->unchanged);
     free(tiles->rows);
+    if (tiles->has_fd)
+        close(tiles->fd);
+    tiles->has_fd = false;
     tiles->number = NULL;
     tiles->hash = NULL;
     tiles->unchanged = NULL;
@@ -125,34 +136,50 @@ static bool note(struct ls_tiles *tiles, uint64_t hash)
     return known;
 }
 
-static bool any_unchanged(const struct ls_tiles *tiles)
-{
-    return memchr(tiles->unchanged + tiles->told, 1,
-                  (tiles->next - tiles->told) * sizeof *tiles->unchanged) != NULL;
-}
-
-static void list(struct ls_tiles *tiles, Lightstage__FetchReply *body)
-{
-    body->width = tiles->width;
-    body->height = tiles->height;
-    body->first_row = body->n_rows = 0;
-    body->first_tile = (uint32_t)(tiles->begun + tiles->told);
-    body->n_tile = body->n_tile_hash = tiles->next - tiles->told;
-    body->tile = tiles->number + tiles->told;
-    body->tile_hash = tiles->hash + tiles->told;
-    if (any_unchanged(tiles)) {
-        body->n_tile_unchanged = body->n_tile;
-        body->tile_unchanged = tiles->unchanged + tiles->told;
-    }
-    tiles->told = tiles->next;
-}
-
-/* ---- what is made for the client ---- */
-
 static size_t tile_bytes(const struct ls_tiles *tiles)
 {
     return (size_t)SIDE * SIDE * tiles->pixel_bytes;
 }
+
+static uint32_t count_whole(const struct ls_tiles *tiles)
+{
+    return (tiles->width + SIDE - 1) / SIDE * ((tiles->height + SIDE - 1) / SIDE);
+}
+
+static enum ls_err pass_memfd(const struct ls_tiles *tiles, uint32_t n, struct ls_chunk *chunk,
+                              Lightstage__FetchReply *body, struct ls_diag *diag)
+{
+    enum ls_err err = ls_memfd_share(tiles->fd, &chunk->fd, diag);
+    chunk->passes = !err;
+    body->memfd = true;
+    body->memfd_bytes = count_whole(tiles) * tile_bytes(tiles);
+    for (uint32_t i = 0; i < n; i++)
+        chunk->handed_bytes += tiles->unchanged[tiles->told + i] ? 0 : tile_bytes(tiles);
+    return err;
+}
+
+static enum ls_err list(struct ls_tiles *tiles, struct ls_chunk *chunk,
+                        Lightstage__FetchReply *body, struct ls_diag *diag)
+{
+    uint32_t known = tiles->next - tiles->told,
+             n = tiles->memfds && known > MOST_LISTED ? MOST_LISTED : known;
+    body->width = tiles->width;
+    body->height = tiles->height;
+    body->first_row = body->n_rows = 0;
+    body->first_tile = (uint32_t)(tiles->begun + tiles->told);
+    body->n_tile = body->n_tile_hash = n;
+    body->tile = tiles->number + tiles->told;
+    body->tile_hash = tiles->hash + tiles->told;
+    if (memchr(tiles->unchanged + tiles->told, 1, n * sizeof *tiles->unchanged)) {
+        body->n_tile_unchanged = n;
+        body->tile_unchanged = tiles->unchanged + tiles->told;
+    }
+    enum ls_err err = tiles->memfds ? pass_memfd(tiles, n, chunk, body, diag) : LS_OK;
+    tiles->told += n;
+    return err;
+}
+
+/* ---- what is made for the client ---- */
 
 /* Room for @n rows of tiles, of which those there are keep their place. */
 static enum ls_err make_room(struct ls_tiles *tiles, uint32_t n, struct ls_diag *diag)
@@ -217,19 +244,51 @@ static uint8_t *close_up(struct ls_tiles *tiles, uint32_t n_rows, uint8_t *to)
     return to;
 }
 
-bool ls_tiles_take(struct ls_tiles *tiles, struct ls_chunk *chunk, Lightstage__FetchReply *body)
+/* The tiles from @from on, closed up at @bytes, go to their places. */
+static enum ls_err put_into_memfd(struct ls_tiles *tiles, uint32_t from, const uint8_t *bytes,
+                                  struct ls_diag *diag)
 {
-    uint32_t n = complete_rows(tiles), rest = tiles->n_rows - n;
+    enum ls_err err = LS_OK;
+    if (!tiles->has_fd)
+        err = ls_memfd_create(count_whole(tiles) * tile_bytes(tiles), &tiles->fd, diag);
+    tiles->has_fd = !err;
+    for (uint32_t i = from; i < tiles->next && !err; i++) {
+        if (tiles->unchanged[i])
+            continue;
+        err = ls_memfd_write(tiles->fd, tiles->number[i] * tile_bytes(tiles), bytes,
+                             tile_bytes(tiles), diag);
+        bytes += tile_bytes(tiles);
+    }
+    return err || tiles->next < count(tiles) ? err : ls_memfd_seal(tiles->fd, diag);
+}
+
+enum ls_err ls_tiles_tell(struct ls_tiles *tiles, struct ls_chunk *chunk,
+                          Lightstage__FetchReply *body, bool *there, struct ls_diag *diag)
+{
+    *there = tiles->next == count(tiles) && tiles->told < tiles->next;
+    return *there ? list(tiles, chunk, body, diag) : LS_OK;
+}
+
+enum ls_err ls_tiles_take(struct ls_tiles *tiles, struct ls_chunk *chunk,
+                          Lightstage__FetchReply *body, bool *there, struct ls_diag *diag)
+{
+    uint32_t n = complete_rows(tiles), rest = tiles->n_rows - n, from = tiles->next;
     size_t row = tiles->n_x * tile_bytes(tiles);
+    *there = false;
     if (n == 0)
-        return false;
+        return LS_OK;
     chunk->payload = tiles->rows;
     tiles->rows = rest > 0 ? g_memdup2(chunk->payload + n * row, rest * row) : NULL;
     chunk->payload_bytes = (size_t)(close_up(tiles, n, chunk->payload) - chunk->payload);
     tiles->n_rows = rest;
     tiles->filled = rest > 0 ? tiles->filled - SIDE * n : 0;
-    list(tiles, body);
-    return true;
+    if (!tiles->memfds) {
+        *there = true;
+        return list(tiles, chunk, body, diag);
+    }
+    enum ls_err err = put_into_memfd(tiles, from, chunk->payload, diag);
+    ls_chunk_finish(chunk);
+    return err ? err : ls_tiles_tell(tiles, chunk, body, there, diag);
 }
 
 /* ---- what is stored ---- */
@@ -249,29 +308,12 @@ static void give_back(struct ls_lent *lent)
     free(self);
 }
 
-static bool is_whole(const struct ls_exr_tiles *t, uint32_t number)
-{
-    return ls_exr_tile_width(t, number % t->n_x) == SIDE &&
-           ls_exr_tile_height(t, number / t->n_x) == SIDE;
-}
-
-/* The bytes of a tile as sent; @room: of a tile, for one at an edge. */
-static const uint8_t *bytes_of(const struct ls_exr_tiles *t, uint32_t number, uint8_t *room)
-{
-    uint32_t w = ls_exr_tile_width(t, number % t->n_x), h = ls_exr_tile_height(t, number / t->n_x);
-    if (is_whole(t, number))
-        return t->tile[number];
-    memset(room, 0, 2 * SIDE * SIDE);
-    for (uint32_t y = 0; y < h; y++)
-        memcpy(room + (size_t)2 * SIDE * y, t->tile[number] + (size_t)2 * w * y, (size_t)2 * w);
-    return room;
-}
-
-static size_t count_edges(const struct ls_tiles *tiles, const struct ls_exr_tiles *t, uint32_t end)
+static size_t count_edges(const struct ls_tiles *tiles, const struct ls_picture_map *map,
+                          uint32_t end)
 {
     size_t n = 0;
     for (uint32_t i = tiles->next; i < end; i++)
-        n += !is_whole(t, tiles->number[i]);
+        n += !ls_picture_map_tile_is_whole(map, tiles->number[i]);
     return n;
 }
 
@@ -282,10 +324,9 @@ static void fill(struct ls_tiles *tiles, const struct ls_picture_map *map,
     uint8_t *room = self->padded;
     while (tiles->next < end && self->lent.n_bytes < LENT_BYTES) {
         uint32_t number = tiles->number[tiles->next];
-        bool whole = is_whole(&map->tiles, number);
+        bool whole = ls_picture_map_tile_is_whole(map, number);
         uint64_t hash = ls_tile_hashes_get(hashes, number);
-        const uint8_t *bytes =
-            hash && whole ? map->tiles.tile[number] : bytes_of(&map->tiles, number, room);
+        const uint8_t *bytes = ls_picture_map_tile(map, number, room);
         if (!hash)
             hash = ls_tile_hash(bytes, tile_bytes(tiles));
         if (ls_picture_map_sound(map))
@@ -298,13 +339,47 @@ static void fill(struct ls_tiles *tiles, const struct ls_picture_map *map,
     }
 }
 
+static void note_all(struct ls_tiles *tiles, const struct ls_picture_map *map,
+                     struct ls_tile_hashes *hashes)
+{
+    uint8_t room[2 * SIDE * SIDE];
+    while (tiles->next < count(tiles)) {
+        uint32_t number = tiles->number[tiles->next];
+        uint64_t hash = ls_tile_hashes_get(hashes, number);
+        if (!hash)
+            hash = ls_tile_hash(ls_picture_map_tile(map, number, room), sizeof room);
+        if (ls_picture_map_sound(map))
+            ls_tile_hashes_note(hashes, number, hash);
+        note(tiles, hash);
+    }
+}
+
+static enum ls_err hand_over(struct ls_tiles *tiles, const struct ls_picture_map *map,
+                             struct ls_chunk *chunk, Lightstage__FetchReply *body,
+                             struct ls_diag *diag)
+{
+    enum ls_err err = tiles->has_fd ? LS_OK : ls_memfds_get(tiles->memfds, map, &tiles->fd, diag);
+    if (err)
+        return err;
+    tiles->has_fd = true;
+    struct ls_tile_hashes *hashes = ls_stored_tiles_get(tiles->stored, map);
+    note_all(tiles, map, hashes);
+    ls_tile_hashes_put(hashes);
+    return list(tiles, chunk, body, diag);
+}
+
 enum ls_err ls_tiles_lend(struct ls_tiles *tiles, const struct ls_picture_map *map,
                           const struct ls_tiles_holder *holder, struct ls_chunk *chunk,
                           Lightstage__FetchReply *body, struct ls_diag *diag)
 {
+    if (tiles->memfds) {
+        enum ls_err err = hand_over(tiles, map, chunk, body, diag);
+        holder->release(holder->owner, holder->what);
+        return err;
+    }
     uint32_t left = count(tiles) - tiles->next, most = left < MOST_LISTED ? left : MOST_LISTED;
     size_t n = LENT_BYTES / tile_bytes(tiles);
-    size_t edges = count_edges(tiles, &map->tiles, tiles->next + most);
+    size_t edges = count_edges(tiles, map, tiles->next + most);
     struct lent_tiles *self = calloc(1, sizeof *self + n * sizeof *self->span);
     uint8_t *padded = malloc((edges < n ? edges : n) * tile_bytes(tiles) + tile_bytes(tiles));
     struct ls_tile_hashes *hashes = ls_stored_tiles_get(tiles->stored, map);
@@ -320,6 +395,5 @@ enum ls_err ls_tiles_lend(struct ls_tiles *tiles, const struct ls_picture_map *m
     fill(tiles, map, hashes, tiles->next + most, self);
     ls_tile_hashes_put(hashes);
     chunk->lent = &self->lent;
-    list(tiles, body);
-    return LS_OK;
+    return list(tiles, chunk, body, diag);
 }

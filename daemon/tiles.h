@@ -12,6 +12,7 @@
 
 #include "core/demosaic.h"
 #include "core/error.h"
+#include "daemon/memfds.h"
 #include "daemon/outbox.h"
 #include "daemon/picture_map.h"
 #include "daemon/stored_tiles.h"
@@ -24,6 +25,7 @@
 struct ls_tiles {
     bool wanted;
     struct ls_stored_tiles *stored; /* the service's; NULL: nothing is kept */
+    struct ls_memfds *memfds;       /* asked for; else NULL */
     uint64_t *have;                 /* [n_have] hashes of the request's tiles, 0 = none */
     size_t n_have;
     uint64_t first;
@@ -37,16 +39,19 @@ struct ls_tiles {
     uint32_t *number;    /* [n_x * n_y] */
     uint64_t *hash;
     protobuf_c_boolean *unchanged;
+    bool has_fd;
+    int fd;                  /* memfd of the picture; sealed once all of it is known */
     uint8_t *rows;           /* [n_rows][n_x] tiles, from the row of `next` on */
     uint32_t n_rows, filled; /* rows of tiles there is room for, of pixels that are there */
 };
 
 /** What @fetch asks for; its payload is @n bytes of hashes. Errors: LS_ERR_INVALID (half a hash,
- * hashes without tiles), LS_ERR_UNSUPPORTED (tiles with variance or validity), LS_ERR_NOMEM. @out:
- * finish it. */
+ * hashes without tiles, a memfd without credit), LS_ERR_UNSUPPORTED (tiles with variance or
+ * validity; a memfd, and @memfds is NULL), LS_ERR_NOMEM. @out: finish it. */
 LS_MUST_CHECK enum ls_err ls_tiles_read(const Lightstage__Fetch *fetch, const uint8_t *payload,
                                         size_t n, struct ls_stored_tiles *stored,
-                                        struct ls_tiles *out, struct ls_diag *diag);
+                                        struct ls_memfds *memfds, struct ls_tiles *out,
+                                        struct ls_diag *diag);
 
 /** Zeroed is allowed. */
 void ls_tiles_finish(struct ls_tiles *tiles);
@@ -67,8 +72,17 @@ LS_MUST_CHECK enum ls_err ls_tiles_add(struct ls_tiles *tiles, struct ls_demosai
                                        const void *values, struct ls_diag *diag);
 
 /** Put the tiles that are complete into the payload of @chunk, unless the client has them, and list
- * them in @body, which points into @tiles. False: none is. */
-bool ls_tiles_take(struct ls_tiles *tiles, struct ls_chunk *chunk, Lightstage__FetchReply *body);
+ * them in @body, which points into @tiles; or, asked for a memfd, put them there, and list them
+ * when the picture is complete. *there: some are listed. Errors: those of daemon/memfds.h. */
+LS_MUST_CHECK enum ls_err ls_tiles_take(struct ls_tiles *tiles, struct ls_chunk *chunk,
+                                        Lightstage__FetchReply *body, bool *there,
+                                        struct ls_diag *diag);
+
+/** List more of a complete picture whose list one frame does not hold: only a memfd's. *there:
+ * there was more. Errors: those of ls_memfd_share. */
+LS_MUST_CHECK enum ls_err ls_tiles_tell(struct ls_tiles *tiles, struct ls_chunk *chunk,
+                                        Lightstage__FetchReply *body, bool *there,
+                                        struct ls_diag *diag);
 
 /** Who holds a mapped picture until what is lent of it is written. */
 struct ls_tiles_holder {
@@ -78,9 +92,9 @@ struct ls_tiles_holder {
 
 /**
  * The next tiles of a picture that is sent as it is stored: lent from @map, in place of add and
- * take. About 1 MiB, or a list of at most 4096. @holder is released when they are written, or on
- * an error. LS_ERR_INVALID: the file cannot be read; LS_ERR_NOMEM.
- */
+ * take; or handed over in a memfd. About 1 MiB, or a list of at most 4096. @holder is released when
+ * they are written, or on an error. LS_ERR_INVALID: the file cannot be read; LS_ERR_NOMEM; those of
+ * ls_memfds_get. */
 LS_MUST_CHECK enum ls_err ls_tiles_lend(struct ls_tiles *tiles, const struct ls_picture_map *map,
                                         const struct ls_tiles_holder *holder,
                                         struct ls_chunk *chunk, Lightstage__FetchReply *body,

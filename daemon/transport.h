@@ -14,7 +14,7 @@
 
 struct ls_transport;
 
-/** All required. None of them blocks on the peer. */
+/** All required but the last. None of them blocks on the peer. */
 struct ls_transport_ops {
     const char *name; /* "unix" */
     /** At most @size bytes of what has come. LS_OK with *n = 0: nothing more now; LS_ERR_GONE: the
@@ -27,6 +27,9 @@ struct ls_transport_ops {
     /** Nothing goes either way any more, and the peer hears so at once. The descriptor stays. */
     void (*shut)(struct ls_transport *transport);
     void (*destroy)(struct ls_transport *transport);
+    /** As write, and with the first byte the descriptor @fd. NULL: it carries none. */
+    enum ls_err (*write_fd)(struct ls_transport *transport, const struct iovec *spans,
+                            size_t n_spans, int fd, size_t *n);
 };
 
 /** First member of every kind of transport. */
@@ -46,6 +49,10 @@ LS_MUST_CHECK enum ls_err ls_transport_read(struct ls_transport *transport, void
                                             size_t size, size_t *n);
 LS_MUST_CHECK enum ls_err ls_transport_write(struct ls_transport *transport,
                                              const struct iovec *spans, size_t n_spans, size_t *n);
+bool ls_transport_passes_fds(const struct ls_transport *transport);
+LS_MUST_CHECK enum ls_err ls_transport_write_fd(struct ls_transport *transport,
+                                                const struct iovec *spans, size_t n_spans, int fd,
+                                                size_t *n);
 void ls_transport_shut(struct ls_transport *transport);
 
 /** Shuts first. NULL is allowed. */
