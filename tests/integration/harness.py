@@ -15,7 +15,7 @@ ROOT = os.environ.get("LS_SOURCE_ROOT") or os.path.abspath(
     os.path.join(os.path.dirname(__file__), "..", ".."))
 BUILD = os.environ.get("LS_BUILD_ROOT") or os.path.join(ROOT, "build")
 DATA = os.environ.get("LS_SHARED_DATA") or os.path.join(ROOT, "..", "shared", "data")
-sys.path.insert(0, os.path.join(ROOT, "sim"))
+sys.path[:0] = [os.path.join(ROOT, "sim"), os.path.join(BUILD, "clients", "python")]
 
 import rig as stage  # noqa: E402
 

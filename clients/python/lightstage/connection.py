@@ -1,0 +1,226 @@
+"""Requests and their answers over one link. One thread at a time; many requests may overlap."""
+import collections
+import os
+import socket
+import ssl
+from typing import Any, Callable, Deque, Dict, Iterator, List, NamedTuple, Optional, Tuple
+from urllib.parse import urlsplit
+
+from . import lightstage_pb2 as messages
+from .errors import Error, Lost, Refused
+from .link import Frame, Head, Link
+
+HELLO, STATUS, RIG, PREFLIGHT, TAKE_START, TAKE_PROGRESS, TAKE_ABORT, TAKE_RESUME, TAKE_LIST, \
+    TAKE_SHOW, TAKE_VERIFY, FETCH, RELIGHT, BLANK, CANCEL, TAKE_SLATE, METRICS, PREVIEW, EVENTS, \
+    CREDIT, RING = range(1, 22)
+REPLY, ERROR = 0x8000, 0xffff
+DEFAULT_SOCKET = "/run/lightstaged/socket"
+DISCARD_BYTES = 1 << 18
+
+ANSWERS: Dict[int, Any] = {
+    HELLO: messages.HelloReply, STATUS: messages.StatusReply, RIG: messages.RigReply,
+    PREFLIGHT: messages.PreflightReply, TAKE_START: messages.TakeStartReply,
+    TAKE_PROGRESS: messages.TakeStatus, TAKE_ABORT: messages.TakeAbortReply,
+    TAKE_RESUME: messages.TakeStartReply, TAKE_LIST: messages.TakeListReply,
+    TAKE_SHOW: messages.TakeShowReply, TAKE_VERIFY: messages.TakeVerifyReply,
+    FETCH: messages.FetchReply, RELIGHT: messages.RelightReply, BLANK: messages.BlankReply,
+    CANCEL: messages.CancelReply, TAKE_SLATE: messages.TakeSlateReply,
+    METRICS: messages.MetricsReply, PREVIEW: messages.PreviewReply, EVENTS: messages.EventsReply,
+    CREDIT: messages.CreditReply}
+
+
+class Answer(NamedTuple):
+    message: Any         # of the request's own kind
+    payload: memoryview  # of the buffers that it went to, the first
+    fds: List[int]       # the receiver's to close
+
+
+# Buffers for the payload of an answer, its length in all.
+Room = Callable[[Any, int], List[memoryview]]
+
+
+def new_room(message: Any, n: int) -> List[memoryview]:
+    return [memoryview(bytearray(n))]
+
+
+class Request:
+    """An iterator over the answers to one request. Leaving it before its end cancels it: use `with`."""
+
+    def __init__(self, connection: "Connection", kind: int, message: Any, payload: bytes,
+                 room: Room):
+        self.kind, self.room, self.connection = kind, room, connection
+        self.frames: Deque[Frame] = collections.deque()
+        self.ended = self.abandoned = False
+        self.number = connection.register(self)
+        connection.link.send(kind, self.number, message.SerializeToString(), memoryview(payload))
+
+    def __enter__(self) -> "Request":
+        return self
+
+    def __exit__(self, *_: Any) -> None:
+        self.cancel()
+
+    def __iter__(self) -> Iterator[Answer]:
+        return self
+
+    def __next__(self) -> Answer:
+        if self.ended:
+            raise StopIteration
+        while not self.frames:
+            self.connection.receive()
+        frame = self.frames.popleft()
+        self.ended = frame.head.last
+        if self.ended:
+            self.connection.forget(self)
+        message, buffers = frame.place
+        if frame.head.kind == ERROR:
+            raise Refused(message.number, message.text)
+        return Answer(message, buffers[0] if buffers else memoryview(b""), frame.head.fds)
+
+    def only(self) -> Answer:
+        """The answer to a request that has one."""
+        with self:
+            for answer in self:
+                return answer
+        raise Error("the daemon ended a request without an answer")
+
+    def cancel(self) -> None:
+        """The daemon stops; what it has sent by then is received later, and dropped."""
+        if self.ended or self.abandoned:
+            return
+        self.abandoned = True
+        last = any(frame.head.last for frame in self.frames)
+        while self.frames:
+            close_all(self.frames.popleft().head.fds)
+        if last:
+            self.connection.forget(self)
+        elif self.kind != CANCEL and not self.connection.closed:
+            Request(self.connection, CANCEL, messages.Cancel(request=self.number), b"",
+                    new_room).cancel()
+            self.connection.link.flush()
+
+
+def close_all(fds: List[int]) -> None:
+    while fds:
+        os.close(fds.pop())
+
+
+class Connection:
+    def __init__(self, connected: socket.socket, timeout: Optional[float], name: str):
+        self.link = Link(connected, timeout)
+        self.closed = False
+        self._requests: Dict[int, Request] = {}
+        self._last = 0
+        self._dropped: Deque[Frame] = collections.deque(maxlen=1)
+        self._scratch = memoryview(bytearray(0))
+        try:
+            self.hello: messages.HelloReply = self.ask(HELLO, messages.Hello(
+                version=1, client=name)).message
+        except BaseException:
+            self.close()
+            raise
+
+    def register(self, request: Request) -> int:
+        if self.closed:
+            raise Lost("the connection is closed")
+        self._last += 1
+        self._requests[self._last] = request
+        return self._last
+
+    def forget(self, request: Request) -> None:
+        self._requests.pop(request.number, None)
+
+    def request(self, kind: int, message: Any, payload: bytes = b"",
+                room: Room = new_room) -> Request:
+        request = Request(self, kind, message, payload, room)
+        self.link.flush()
+        return request
+
+    def ask(self, kind: int, message: Any, payload: bytes = b"") -> Answer:
+        return self.request(kind, message, payload).only()
+
+    def receive(self) -> None:
+        """One frame, for whichever request it answers; returns early where none is there yet."""
+        if self.closed:
+            raise Lost("the connection is closed")
+        try:
+            self.link.flush()
+            if not self.link.receive(self._place, self._queue):
+                self.link.wait()
+        except Lost:
+            self.close()
+            raise
+
+    def close(self) -> None:
+        self.closed = True
+        self.link.close()
+
+    # ---- of the link ----
+
+    def _place(self, head: Head, message: bytes) -> Tuple[List[memoryview], Any]:
+        request = self._requests.get(head.request)
+        if head.kind == ERROR:
+            error = messages.Error.FromString(message)
+            if head.request == 0:
+                raise Lost(str(Refused(error.number, error.text)))
+            return self._discard(head.payload_bytes), (error, [])
+        if request is None or request.abandoned:
+            close_all(head.fds)
+            return self._discard(head.payload_bytes), (None, [])
+        if head.kind != request.kind + REPLY:
+            raise Lost(f"the daemon answered request {request.kind} with {head.kind}")
+        answer = ANSWERS[request.kind].FromString(message)
+        buffers = request.room(answer, head.payload_bytes)
+        if sum(len(b) for b in buffers) != head.payload_bytes:
+            raise Lost(f"{head.payload_bytes} bytes came with an answer that has "
+                       f"{sum(len(b) for b in buffers)}")
+        return buffers, (answer, buffers)
+
+    def _queue(self, frame: Frame) -> Deque[Frame]:
+        request = self._requests.get(frame.head.request)
+        if request is None or request.abandoned:
+            if request and frame.head.last:
+                self.forget(request)
+            return self._dropped
+        return request.frames
+
+    def _discard(self, n: int) -> List[memoryview]:
+        if n and not self._scratch:
+            self._scratch = memoryview(bytearray(DISCARD_BYTES))
+        whole, rest = divmod(n, DISCARD_BYTES)
+        return [self._scratch] * whole + ([self._scratch[:rest]] if rest else [])
+
+
+def open_socket(address: str, context: Optional[ssl.SSLContext],
+                timeout: Optional[float]) -> socket.socket:
+    """A connected socket. `address`: a path, or tls://HOST:PORT."""
+    if not address.startswith("tls://"):
+        local = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
+        local.settimeout(timeout)
+        try:
+            local.connect(address)
+        except OSError as wrong:
+            local.close()
+            raise Lost(f"no lightstaged answers at {address}: {wrong.strerror or wrong}") from wrong
+        return local
+    where = urlsplit(address)
+    if context is None or not where.hostname or not where.port:
+        raise ValueError(f"{address}: expected tls://HOST:PORT, and certificate, key and authority")
+    try:
+        plain = socket.create_connection((where.hostname, where.port), timeout)
+        try:
+            return context.wrap_socket(plain, server_hostname=where.hostname)
+        except BaseException:
+            plain.close()
+            raise
+    except OSError as wrong:
+        raise Lost(f"no lightstaged answers at {address}: {wrong}") from wrong
+
+
+def tls_context(certificate: str, key: str, authority: str) -> ssl.SSLContext:
+    """Who we are, and whom we believe: nobody but this authority."""
+    context = ssl.SSLContext(ssl.PROTOCOL_TLS_CLIENT)
+    context.minimum_version = ssl.TLSVersion.TLSv1_3
+    context.load_verify_locations(authority)
+    context.load_cert_chain(certificate, key)
+    return context

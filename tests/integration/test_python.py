@@ -1,0 +1,137 @@
+#!/usr/bin/python3 -B
+"""The Python package on a simulated stage: what lightstagectl gets, bit for bit."""
+import json
+import os
+import subprocess
+import sys
+
+import numpy as np
+
+import harness
+import lightstage
+import pictures
+import takes
+from harness import stage as rigs
+
+EXAMPLE = os.path.join(harness.ROOT, "clients", "python", "examples", "relight.py")
+
+
+def photographed(folder):
+    """A take that the package starts and follows: (rig, connected stage, id)."""
+    rig = harness.twelve(folder).start()
+    stage = lightstage.connect(rig.path("socket"), timeout=60)
+    assert stage.preflight(harness.PLAN).shots >= 3 * 18  # of six spheres and twelve lights
+    begun = stage.start("vase", harness.PLAN)
+    assert stage.start("vase", harness.PLAN, begun.token).token == begun.token
+    stored = [status.progress.conditions_stored for status in stage.progress(begun.token)]
+    assert stored == sorted(stored) and len(set(stored)) > 2, stored
+    take = stage.follow(begun)
+    assert take.state == lightstage.messages.COMPLETE, take
+    return rig, stage, take.id
+
+
+def fetched(rig, take, *how):
+    """[n][height][width][components] of lightstagectl."""
+    rig.control("fetch", take, *how, "--output", rig.path("f"), "--json")
+    names = sorted(n for n in os.listdir(rig.folder) if n.startswith("f.") and n.endswith(".exr"))
+    try:
+        return np.stack([pictures.read(rig.path(n)) for n in names]).astype(np.float32)
+    finally:
+        for name in names:
+            os.remove(rig.path(name))
+
+
+def test_pictures_are_those_of_lightstagectl_to_the_bit(folder):
+    rig, stage, take = photographed(folder)
+    crop = (10, 21, 70, 65)
+    area = ",".join(map(str, crop))
+    for ours, theirs in (
+            ({}, ("--channel", "W")),
+            ({"dtype": "float16", "quantity": "estimate"}, ("--channel", "W", "--estimate", "--half")),
+            ({"lights": [5, 3], "region": crop}, ("--channel", "W", "--lights", "3,5", "--region", area)),
+            ({"channel": "R", "model": "sphere", "layout": "rgb", "dtype": "float16"},
+             ("--channel", "R", "--model", "sphere", "--layout", "rgb", "--half")),
+            ({"channel": "R", "model": "sphere", "layout": "rgb", "region": crop, "lights": [1]},
+             ("--channel", "R", "--model", "sphere", "--layout", "rgb", "--region", area, "--lights", "1")),
+            ({"channel": "B", "full_sphere": True}, ("--channel", "B", "--full-sphere"))):
+        asked = {"channel": "W", **ours}
+        field = stage.fetch(take, **asked)
+        order = np.argsort(field.lights)
+        assert np.array_equal(field.pixels[order].astype(np.float32), fetched(rig, take, *theirs)), ours
+        one_by_one = list(stage.pictures(take, **asked))
+        assert [p.light for p in one_by_one] == field.lights
+        assert np.array_equal(np.stack([p.pixels for p in one_by_one]), field.pixels)
+    known = stage.fetch(take, "W", lights=[0], variance=True, validity=True).pictures[0]
+    assert known.variance.shape == known.validity.shape == (128, 128) and known.variance.min() > 0
+    assert set(np.unique(known.validity)) <= {0, 1, 2, 3}
+    stage.close()
+
+
+def test_relit_pictures_are_those_of_lightstagectl_to_the_bit(folder):
+    rig, stage, take = photographed(folder)
+    dice = np.random.default_rng(1)
+    weights = {c: dice.uniform(0, 1, 12).astype(np.float32) for c in "WR"}
+    rigs.write(rig.path("weights.json"), json.dumps({c: w.tolist() for c, w in weights.items()}))
+    rig.control("relight", take, "--weights", rig.path("weights.json"), "--raw", "--output",
+                rig.path("relit.exr"))
+    expected = pictures.read(rig.path("relit.exr"))
+    got = stage.relight(take, weights)
+    assert np.array_equal(got.pixels, expected)
+    assert got.report.lights_used == 12 and got.report.calibrated
+    out = np.zeros((2, 128, 128, 3), np.float32)
+    two = stage.relight(take, {c: np.stack([w, 2 * w]) for c, w in weights.items()}, out=out)
+    assert two.pixels is out and np.array_equal(out[0], expected)
+    assert np.array_equal(out[1], 2 * out[0])  # twice is exact
+    targets = stage.relight(take, {c: np.stack([w] * 3) for c, w in weights.items()}, mode="per_target")
+    # the same light; sums of other shape are rounded in another order
+    assert np.allclose(targets.pixels, expected, rtol=1e-5, atol=1e-6)
+    # the example
+    environment = {**os.environ, "LIGHTSTAGED_SOCKET": rig.path("socket"),
+                   "PYTHONPATH": os.path.join(harness.BUILD, "clients", "python")}
+    subprocess.run([sys.executable, "-B", EXAMPLE, take, rig.path("relit.png")], check=True,
+                   env=environment, timeout=60)
+    with open(rig.path("relit.png"), "rb") as file:
+        assert file.read(8) == b"\x89PNG\r\n\x1a\n" and len(file.read()) > 1000
+    code = [line for line in rigs.read(EXAMPLE).splitlines()[2:] if line.strip()]
+    assert len(code) <= 10, f"the example has grown to {len(code)} lines"
+    stage.close()
+
+
+def test_a_take_is_looked_at_described_and_refused_in_python(folder):
+    rig, stage, take = photographed(folder)
+    assert [t.id for t in stage.takes()] == [take]
+    assert stage.show(take)["plan"]["conditions"] and stage.summary(take).n_lights == 12
+    checked = stage.verify(take)
+    assert checked.conditions_checked > 18 and not checked.conditions_damaged, checked
+    assert stage.slate(take, scene="7", take_number=2).scene == "7"
+    slate = stage.slate(take, notes="chipped")
+    assert (slate.scene, slate.take, slate.notes) == ("7", 2, "chipped")
+    assert stage.status().lights.connected and stage.metrics().takes_complete == 1
+    said = stage.rig()
+    assert said.positions_m.shape == (12, 3) and [c.name for c in said.channels][0] == "W"
+    for number, act in ((202, lambda: stage.show("20200101T000000Z-no-abcdef")),
+                        (200, stage.abort),
+                        (107, lambda: stage.slate(take, timecode="noon"))):
+        try:
+            act()
+        except lightstage.Refused as wrong:
+            assert wrong.number == number and wrong.sentence, wrong
+        else:
+            raise AssertionError(f"not refused with {number}")
+    stage.blank()
+    begun = stage.start("again", takes.LONG)
+    follow = stage.progress(begun.token)
+    next(s for s in follow if s.state == lightstage.messages.RUNNING)
+    follow.close()
+    stage.abort()
+    assert stage.follow(begun).state == lightstage.messages.ABORTED
+    looks = stage.preview(exposure_us=5000)
+    look = next(looks)
+    assert look.report.width * look.report.bin == 128 and look.pixels.shape == (64, 64, 3)
+    looks.close()
+    assert stage.status().lights.connected
+    stage.close()
+
+
+if __name__ == "__main__":
+    harness.main(globals())
