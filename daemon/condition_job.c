@@ -250,9 +250,10 @@ static enum ls_err check(const Lightstage__Fetch *fetch, struct ls_diag *diag)
     if (fetch->n_conditions > MAX_NAMES)
         return ls_fail(diag, LS_ERR_LIMIT, "fetch: %zu conditions, at most %d", fetch->n_conditions,
                        MAX_NAMES);
-    if (fetch->channel[0] || fetch->n_lights || fetch->full_sphere)
+    if (fetch->channel[0] || fetch->n_lights || fetch->full_sphere || fetch->factored ||
+        fetch->n_spectra)
         return ls_fail(diag, LS_ERR_INVALID,
-                       "fetch: conditions take no channel, lights or full_sphere");
+                       "fetch: conditions take no channel, lights, spectra or full_sphere");
     if (fetch->promotion || fetch->model != LIGHTSTAGE__MODEL__MEASURED ||
         fetch->layout != LIGHTSTAGE__LAYOUT__MOSAIC || fetch->level ||
         fetch->quantity != LIGHTSTAGE__QUANTITY__ESTIMATE)

@@ -2,6 +2,7 @@
 
 #include "core/half.h"
 #include "core/promote.h"
+#include "daemon/factored.h"
 #include "daemon/light_set.h"
 #include "daemon/picture_region.h"
 #include "daemon/pixel_quality.h"
@@ -28,6 +29,7 @@ struct fetch_job {
     struct ls_pixel_quality quality;
     struct ls_tiles tiles;
     struct ls_reduction reduction;
+    struct ls_factored factored;
     struct ls_demosaic_region asked, region, /* region: what is sent of the picture at hand, in its
                                                 level's pixels */
         read;                                /* full-size pixels that it is made of */
@@ -138,6 +140,21 @@ static enum ls_err check_layout(struct fetch_job *self, struct ls_diag *diag)
     return LS_OK;
 }
 
+/* A factored fetch is of white. */
+static enum ls_err find_channel(struct fetch_job *self, struct ls_diag *diag)
+{
+    const struct ls_take_facts *facts = self->source->facts;
+    if (self->factored.wanted)
+        snprintf(self->channel_name, sizeof self->channel_name, "%s",
+                 facts->channels[self->source->channel_of[0]].name);
+    int channel = ls_take_facts_channel(facts, self->channel_name);
+    if (channel < 0)
+        return ls_fail(diag, LS_ERR_NOT_FOUND, "take %s has no channel \"%.32s\"", self->take,
+                       self->channel_name);
+    self->channel = (uint32_t)channel;
+    return LS_OK;
+}
+
 static enum ls_err start(struct fetch_job *self, struct ls_diag *diag)
 {
     enum ls_err err = self->source ? LS_OK /* it waited for maps */
@@ -145,17 +162,18 @@ static enum ls_err start(struct fetch_job *self, struct ls_diag *diag)
                                                         &self->source, diag);
     if (err)
         return err;
-    int channel = ls_take_facts_channel(self->source->facts, self->channel_name);
-    if (channel < 0)
-        return ls_fail(diag, LS_ERR_NOT_FOUND, "take %s has no channel \"%.32s\"", self->take,
-                       self->channel_name);
-    self->channel = (uint32_t)channel;
-    err = ls_picture_region_check(&self->asked, self->source->width, self->source->height, diag);
+    err = find_channel(self, diag);
+    if (!err)
+        err =
+            ls_picture_region_check(&self->asked, self->source->width, self->source->height, diag);
     if (!err)
         err = check_layout(self, diag);
     if (!err && !self->full_sphere)
         err = ls_promotion_find(self->source, &self->promotion, self->channel, &self->job,
                                 &self->way, diag);
+    if (!err && self->factored.wanted)
+        err = ls_factored_find(&self->factored, self->source, &self->promotion, &self->way,
+                               &self->job, diag);
     if (!err)
         err = check_quality(self, diag);
     if (!err)
@@ -323,6 +341,12 @@ static enum ls_err make_payload(const struct fetch_job *self, const struct pictu
         return ls_fail(diag, LS_ERR_NOMEM, "out of memory");
     if (!self->rgb)
         return read_mosaic(self, picture, r, chunk, diag);
+    if (ls_factored_is_ratio(&self->factored)) {
+        ls_factored_fill(&self->factored, self->source, r, (uint16_t *)(void *)chunk->payload);
+        return LS_OK;
+    }
+    if (self->factored.wanted)
+        band.gain = 1;
     if (promoted_as_halves(self)) {
         band.ratio = map->values + ((size_t)r.y * self->source->width + r.x) * map->depth;
         band.ratio_stride = (size_t)self->source->width * map->depth;
@@ -347,6 +371,12 @@ static void describe(const struct fetch_job *self, const struct picture *picture
     body->gain_k = picture->k;
     body->calibrated = self->source->calibrated;
     body->level = self->reduction.level;
+    if (!self->factored.wanted)
+        return;
+    bool ratio = ls_factored_is_ratio(&self->factored);
+    body->factor = ratio ? LIGHTSTAGE__FACTOR__RATIO : LIGHTSTAGE__FACTOR__WHITE;
+    body->light = ratio ? self->factored.at : body->light;
+    body->gain = (float)picture->gain;
 }
 
 static enum ls_err picture_band(struct fetch_job *self, const struct picture *picture,
@@ -375,7 +405,10 @@ static void next_picture(struct fetch_job *self)
 {
     self->row = 0;
     self->reported = false;
-    self->light++;
+    if (ls_factored_is_ratio(&self->factored))
+        self->factored.at++;
+    else
+        self->light++;
 }
 
 /* Values of the next rows of full-size pixels: @chunk's payload. */
@@ -451,7 +484,9 @@ static enum ls_err send(struct fetch_job *self, Lightstage__FetchReply *body, bo
 {
     Lightstage__SpectrumReport report;
     if (!self->reported && !self->full_sphere) {
-        ls_promotion_report(self->source, &self->promotion, &self->way, &report);
+        const struct ls_factored *f = &self->factored;
+        ls_promotion_report(self->source, &self->promotion,
+                            ls_factored_is_ratio(f) ? &f->ways[f->at] : &self->way, &report);
         body->spectrum = &report;
     }
     self->reported = true;
@@ -556,11 +591,14 @@ static enum ls_err next_tiles(struct fetch_job *self, const struct picture *pict
 static enum ls_err next_frame(struct fetch_job *self, struct ls_chunk *chunk, bool *last,
                               struct ls_diag *diag)
 {
-    struct picture picture = {0};
+    struct picture picture = {.gain = 1, .k = 1};
     uint32_t components =
         self->rgb && !self->reduction.luminance ? self->source->field.n_channels : 1;
-    enum ls_err err = self->full_sphere ? sphere_picture(self, &picture, diag)
-                                        : light_picture(self, &picture, diag);
+    enum ls_err err = LS_OK;
+    if (self->full_sphere)
+        err = sphere_picture(self, &picture, diag);
+    else if (!ls_factored_is_ratio(&self->factored))
+        err = light_picture(self, &picture, diag);
     if (err)
         return err;
     return self->tiles.wanted ? next_tiles(self, &picture, components, chunk, last, diag)
@@ -579,7 +617,7 @@ static enum ls_err fetch_step(struct ls_job *job, struct ls_chunk *chunk, bool *
 
 static enum ls_err check(const Lightstage__Fetch *fetch, struct ls_diag *diag)
 {
-    if (strlen(fetch->channel) < 1 || strlen(fetch->channel) > 31)
+    if (!fetch->factored && (strlen(fetch->channel) < 1 || strlen(fetch->channel) > 31))
         return ls_fail(diag, LS_ERR_INVALID, "fetch: expected the name of a channel");
     if (fetch->layout > LIGHTSTAGE__LAYOUT__MONO)
         return ls_fail(diag, LS_ERR_UNSUPPORTED, "fetch: layout %d is not known",
@@ -615,11 +653,14 @@ enum ls_err ls_fetch_job_create(uint32_t request, struct ls_field_cache *cache,
 {
     static const struct ls_job_ops ops = {"fetch", fetch_step, fetch_destroy};
     struct ls_promotion promotion;
+    struct ls_factored factored;
     enum ls_err err = check(fetch, diag);
     if (!err)
         err = ls_promotion_read(fetch->promotion, fetch->model, &promotion, diag);
     if (!err)
         err = check_promotion(fetch, &promotion, diag);
+    if (!err)
+        err = ls_factored_read(fetch, &promotion, &factored, diag);
     if (!err)
         err = ls_reduction_check_level(fetch->level, diag);
     if (!err)
@@ -637,6 +678,7 @@ enum ls_err ls_fetch_job_create(uint32_t request, struct ls_field_cache *cache,
     self->rgb = fetch->layout == LIGHTSTAGE__LAYOUT__RGB || self->mono;
     self->reduction.level = fetch->level;
     self->promotion = promotion;
+    self->factored = factored;
     self->estimate = fetch->quantity == LIGHTSTAGE__QUANTITY__ESTIMATE;
     self->half = fetch->sample == LIGHTSTAGE__SAMPLE__HALF;
     self->quality = ls_pixel_quality_of(fetch);

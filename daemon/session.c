@@ -123,7 +123,7 @@ static void greet(struct ls_session *session, const struct ls_frame_header *head
 {
     static char *capabilities[] = {
         (char *)"relight", (char *)"fetch", (char *)"resume", (char *)"tiles", (char *)"credit",
-        (char *)"memfd",   (char *)"roles", (char *)"levels", (char *)"mono",
+        (char *)"memfd",   (char *)"roles", (char *)"levels", (char *)"mono",  (char *)"factored",
     };
     const Lightstage__Hello *hello = (const Lightstage__Hello *)message;
     Lightstage__HelloReply reply = LIGHTSTAGE__HELLO_REPLY__INIT;
