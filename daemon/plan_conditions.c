@@ -351,7 +351,8 @@ static void read_condition(struct ls_conf *list, const config_setting_t *group,
                       "%d, a part in a thousand",
                       entry.level, LEAST_BASIS_LEVEL);
     bool smooth =
-        options.kind == KIND_EACH && !c.err && put_in_order(&c, b->config, lights, entry.n_lights);
+        options.kind == KIND_SEGMENTS || (options.kind == KIND_EACH && !c.err &&
+                                          put_in_order(&c, b->config, lights, entry.n_lights));
     for (uint32_t k = 0; k < n_channels && !c.err; k++) {
         entry.channel = channels[k];
         entry.backwards = smooth && k % 2;

@@ -33,7 +33,7 @@ struct ls_plan_entry {
     bool fits_current;
     const uint16_t *lights; /* rig rows */
     uint32_t n_lights;
-    bool backwards; /* each: from the last of `lights` to the first */
+    bool backwards; /* each, segments: from the last to the first */
 };
 
 /** A new condition without lights, or NULL where the plan is full. */

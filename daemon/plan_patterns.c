@@ -2,6 +2,7 @@
 
 #include "core/bases.h"
 #include "core/segments.h"
+#include "core/smooth_order.h"
 
 #include <math.h>
 #include <stdio.h>
@@ -37,20 +38,42 @@ static void add_segment(struct ls_conf *c, const struct ls_plan_entry *e, const 
     snprintf(cond->pattern, sizeof cond->pattern, "segments-%u", parts);
 }
 
+/* Segments in an order in which neighbours follow each other, by the mean of their directions; the
+ * first light's where they cancel. */
+static enum ls_err put_in_order(const float (*directions)[3], const uint32_t *segment, uint32_t n,
+                                uint32_t count, uint32_t *order, struct ls_diag *diag)
+{
+    LS_CLEANUP_FREE float(*middle)[3] = calloc(count, sizeof *middle);
+    if (!middle)
+        return LS_ERR_NOMEM;
+    for (uint32_t i = n; i-- > 0;) {
+        const float *d = directions[i];
+        float *m = middle[segment[i]], length = sqrtf(d[0] * d[0] + d[1] * d[1] + d[2] * d[2]);
+        for (int k = 0; k < 3; k++)
+            m[k] += d[k] / length;
+        if (fabsf(m[0]) + fabsf(m[1]) + fabsf(m[2]) < 1e-6F)
+            memcpy(m, d, sizeof middle[0]);
+    }
+    return ls_smooth_order((const float(*)[3])middle, count, order, diag);
+}
+
 void ls_plan_add_segments(struct ls_conf *c, const struct ls_plan_entry *e, uint32_t count)
 {
     LS_CLEANUP_FREE float(*directions)[3] = directions_of(e);
     LS_CLEANUP_FREE uint32_t *segment = calloc(e->n_lights, sizeof *segment);
+    LS_CLEANUP_FREE uint32_t *order = calloc(count, sizeof *order);
     LS_CLEANUP_FREE double *weights = calloc(e->n_lights, sizeof *weights);
     struct ls_diag diag = {0};
-    if (!directions || !segment || !weights) {
+    if (!directions || !segment || !order || !weights) {
         c->err = LS_ERR_NOMEM;
         return;
     }
-    if (ls_segments_partition((const float(*)[3])directions, e->n_lights, count, segment, &diag))
+    const float(*d)[3] = (const float(*)[3])directions;
+    if (ls_segments_partition(d, e->n_lights, count, segment, &diag) ||
+        put_in_order(d, segment, e->n_lights, count, order, &diag))
         ls_conf_error(c, "count", "%s", diag.text);
     for (uint32_t g = 0; g < count && !c->err; g++)
-        add_segment(c, e, segment, g, count, weights);
+        add_segment(c, e, segment, order[e->backwards ? count - 1 - g : g], count, weights);
 }
 
 static void fill(double *weights, uint32_t n, double value)

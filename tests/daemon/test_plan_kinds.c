@@ -111,13 +111,26 @@ static void levels_of(const struct ls_plan_condition *c, uint16_t levels[LIGHTS]
     }
 }
 
+/* Mean angle from segment to segment, degrees. */
+static double segment_step(float directions[LIGHTS][3], const uint32_t *segment,
+                           const uint32_t order[14])
+{
+    float middle[14][3] = {{0}};
+    for (int i = 0; i < LIGHTS; i++)
+        for (int k = 0; k < 3; k++)
+            middle[segment[i]][k] += directions[i][k];
+    return ls_smooth_order_step((const float(*)[3])middle, 14, order) * 180 / G_PI;
+}
+
 static void test_segments(struct fixture *f, gconstpointer unused)
 {
     struct ls_plan *plan =
         plan_of(f, "{ kind = \"segments\"; count = 14; channels = [\"W\", \"R\"]; }");
     float directions[LIGHTS][3];
-    uint32_t segment[LIGHTS], at = 0;
+    uint32_t segment[LIGHTS], order[14] = {0}, numbers[14], seen[2] = {0}, at = 0;
     uint16_t levels[LIGHTS];
+    for (uint32_t g = 0; g < 14; g++)
+        numbers[g] = g;
     for (int i = 0; i < LIGHTS; i++)
         memcpy(directions[i], f->config->lights[i].position_m, sizeof directions[i]);
     g_assert_cmpint(ls_segments_partition((const float(*)[3])directions, LIGHTS, 14, segment, NULL),
@@ -125,20 +138,32 @@ static void test_segments(struct fixture *f, gconstpointer unused)
     for (uint16_t channel = 0; channel < 2; channel++)
         for (uint32_t g = 0; g < 14; g++) {
             const struct ls_plan_condition *c = next_lit(plan, &at);
-            char *id = g_strdup_printf("segment-%c-%02u", "WR"[channel], g);
+            char *id = g_strdup_printf("segment-%c-%02u", "WR"[channel], c -> part);
             g_assert_cmpstr(c->id, ==, id);
             g_assert_cmpstr(c->pattern, ==, "segments-14");
-            g_assert_cmpuint(c->part, ==, g);
+            if (channel) /* the way back */
+                g_assert_cmpuint(c->part, ==, order[13 - g]);
+            order[g] = channel ? order[g] : c->part;
+            g_assert_cmpuint(c->part, <, 14);
+            seen[channel] |= 1u << c->part;
             g_assert_cmpuint(c->parts, ==, 14);
             g_assert_cmpint(c->channel, ==, channel);
             g_assert_cmpint(c->lights.kind, ==, LS_CONDITION_SEGMENT);
             g_assert_cmpuint(c->level, ==, 65535 / 25); /* 346 / 14, rounded up */
             levels_of(c, levels);
             for (int i = 0; i < LIGHTS; i++)
-                g_assert_cmpuint(levels[i], ==, segment[i] == g ? c->level : 0);
+                g_assert_cmpuint(levels[i], ==, segment[i] == c->part ? c->level : 0);
             g_free(id);
         }
     g_assert_null(next_lit(plan, &at));
+    g_assert_cmphex(seen[0], ==, 0x3fff);
+    g_assert_cmphex(seen[1], ==, 0x3fff);
+    /* even segments are some sqrt(4 pi / 14) = 54 degrees apart; by number they jump about */
+    double by_number = segment_step(directions, segment, numbers);
+    double step = segment_step(directions, segment, order);
+    g_test_message("mean step %.1f degrees, by number %.1f", step, by_number);
+    g_assert_cmpfloat(step, <, 1.2 * 54);
+    g_assert_cmpfloat(by_number, >, step);
     ls_plan_destroy(plan);
 }
 
