@@ -1,6 +1,8 @@
 /* Tiles to one client over a Unix socket: as they are stored, and promoted; held against a plain
- * loop of writev of as many bytes over such a socket, to a reader that does as little. */
+ * loop of writev of as many bytes over such a socket, to a reader that does as little. In memfds,
+ * mapped and read once: against reading as much memory. */
 #include "tests/bench/bench.h"
+#include "tests/bench/references.h"
 #include "tests/bench/serving.h"
 
 #include <math.h>
@@ -17,7 +19,8 @@ struct setting {
     struct receiver client;
     struct iovec *spans;
     size_t n_spans, bytes; /* of all stored tiles */
-    Lightstage__Fetch stored, promoted;
+    Lightstage__Fetch stored, promoted, handed;
+    struct reference_bytes memory; /* as many, of this process */
 };
 
 /* ---- plainly ---- */
@@ -100,8 +103,20 @@ static void serve_promoted(void *data)
     receive_all(&s->client, &s->promoted);
 }
 
-static void print(const struct setting *s, const struct bench *bench, const char *name,
-                  const struct bench_task *task, const struct bench_task *plain, size_t bytes,
+static void serve_memfds(void *data)
+{
+    struct setting *s = data;
+    s->memory.sum += read_memfds(&s->client, &s->handed, true);
+}
+
+static void serve_memfds_mapped(void *data)
+{
+    struct setting *s = data;
+    s->memory.sum += read_memfds(&s->client, &s->handed, false);
+}
+
+static void print(const struct bench *bench, const char *name, const struct bench_task *task,
+                  const struct bench_task *plain, const char *reference_name, size_t bytes,
                   double wanted)
 {
     double rate = (double)bytes / task->best_s, reference = (double)bytes / plain->best_s;
@@ -110,7 +125,7 @@ static void print(const struct setting *s, const struct bench *bench, const char
                                          .value = 1e-9 * rate,
                                          .median = 1e-9 * (double)bytes / task->median_s,
                                          .error = NAN,
-                                         .reference = "writev over a Unix socket",
+                                         .reference = reference_name,
                                          .reference_value = 1e-9 * reference,
                                          .ratio = rate / reference,
                                          .wanted = wanted});
@@ -129,16 +144,28 @@ int main(int argc, char **argv)
     s.bytes = s.n_spans * s.spans[0].iov_len;
     stored_fetch(&s.stored, &s.serving);
     promoted_fetch(&s.promoted, &s.serving);
+    s.handed = s.stored;
+    s.handed.memfd = true;
+    s.handed.credit_bytes = UINT64_MAX;
+    s.memory =
+        (struct reference_bytes){.from = bench_alloc(s.bytes), .bytes = s.bytes, .n_threads = 1};
     plain_init(&plain, &s, s.bytes);
     plain_init(&plain_rgb, &s, 3 * s.bytes);
     struct bench_task tasks[] = {
         {.name = "writev", .run = plain_run, .data = &plain},
         {.name = "stored tiles", .run = serve_stored, .data = &s},
         {.name = "writev, three times", .run = plain_run, .data = &plain_rgb},
-        {.name = "promoted tiles", .run = serve_promoted, .data = &s}};
-    bench_time(&bench, tasks, 4);
-    print(&s, &bench, "serve_stored", &tasks[1], &tasks[0], s.bytes, 0.8);
-    print(&s, &bench, "serve_promoted", &tasks[3], &tasks[2], 3 * s.bytes, 0.6);
+        {.name = "promoted tiles", .run = serve_promoted, .data = &s},
+        {.name = "read memory", .run = reference_read, .data = &s.memory},
+        {.name = "read memfds", .run = serve_memfds, .data = &s},
+        {.name = "map and read memfds", .run = serve_memfds_mapped, .data = &s}};
+    bench_time(&bench, tasks, 7);
+    print(&bench, "serve_stored", &tasks[1], &tasks[0], "writev over a Unix socket", s.bytes, 0.8);
+    print(&bench, "serve_promoted", &tasks[3], &tasks[2], "writev over a Unix socket", 3 * s.bytes,
+          0.6);
+    print(&bench, "serve_memfd", &tasks[5], &tasks[4], "reading memory", s.bytes, 0.8);
+    print(&bench, "serve_memfd_mapped", &tasks[6], &tasks[4], "reading memory", s.bytes, NAN);
+    free((void *)s.memory.from);
     plain_finish(&plain);
     plain_finish(&plain_rgb);
     g_free(s.spans);

@@ -3,12 +3,15 @@
 #include "daemon/picture_map.h"
 #include "proto/frame.h"
 #include "tests/bench/bench.h"
+#include "tests/bench/references.h"
 #include "tests/daemon/store_fixture.h"
 
 #include <errno.h>
 #include <math.h>
 #include <stdio.h>
+#include <sys/mman.h>
 #include <sys/socket.h>
+#include <sys/stat.h>
 #include <unistd.h>
 
 static void must(bool ok, const char *what)
@@ -145,6 +148,23 @@ void receive_bytes(int fd, void *bytes, size_t n)
     }
 }
 
+/* The head of a frame, and what descriptor comes with it. */
+static void receive_head(struct receiver *r, uint8_t *head, size_t n)
+{
+    char control[CMSG_SPACE(sizeof(int))];
+    struct iovec span = {head, n};
+    struct msghdr message = {.msg_iov = &span,
+                             .msg_iovlen = 1,
+                             .msg_control = control,
+                             .msg_controllen = sizeof control};
+    ssize_t got = recvmsg(r->fd, &message, MSG_CMSG_CLOEXEC);
+    must(got > 0, "the connection has ended");
+    r->passed = -1;
+    if (CMSG_FIRSTHDR(&message))
+        memcpy(&r->passed, CMSG_DATA(CMSG_FIRSTHDR(&message)), sizeof r->passed);
+    receive_bytes(r->fd, head + got, n - (size_t)got);
+}
+
 static void need(struct receiver *r, size_t n)
 {
     if (n <= r->capacity)
@@ -159,7 +179,7 @@ static struct ls_frame_header receive(struct receiver *r)
 {
     uint8_t head[LS_FRAME_HEADER_BYTES], message[LS_FRAME_MAX_MESSAGE];
     struct ls_frame_header header;
-    receive_bytes(r->fd, head, sizeof head);
+    receive_head(r, head, sizeof head);
     must(!ls_frame_get(head, UINT32_MAX, &header, NULL), "not a frame");
     receive_bytes(r->fd, message, header.message_bytes);
     must(header.type != LS_MESSAGE_ERROR, "refused by the daemon");
@@ -179,10 +199,18 @@ static void ask(struct receiver *r, uint16_t type, const ProtobufCMessage *body)
     free(bytes);
 }
 
+static void unmap(gpointer data)
+{
+    struct iovec *span = data;
+    munmap(span->iov_base, span->iov_len);
+    g_free(span);
+}
+
 void receiver_open(struct receiver *r, const struct serving *s)
 {
     Lightstage__Hello hello = LIGHTSTAGE__HELLO__INIT;
     *r = (struct receiver){.fd = a_bare_socket((struct stage *)&s->stage)};
+    r->mapped = g_hash_table_new_full(NULL, NULL, NULL, unmap);
     hello.version = LS_FRAME_VERSION;
     hello.client = (char *)"bench";
     ask(r, LS_MESSAGE_HELLO, &hello.base);
@@ -192,6 +220,7 @@ void receiver_open(struct receiver *r, const struct serving *s)
 void receiver_close(struct receiver *r)
 {
     close(r->fd);
+    g_hash_table_unref(r->mapped);
     free(r->bytes);
 }
 
@@ -202,6 +231,46 @@ void receive_all(struct receiver *r, const Lightstage__Fetch *fetch)
     do
         header = receive(r);
     while (!(header.flags & LS_FRAME_LAST));
+}
+
+static struct iovec *map_passed(const struct receiver *r, const struct stat *info)
+{
+    struct iovec *span = g_new(struct iovec, 1);
+    span->iov_len = (size_t)info->st_size;
+    span->iov_base = mmap(NULL, span->iov_len, PROT_READ, MAP_SHARED | MAP_POPULATE, r->passed, 0);
+    must(span->iov_base != MAP_FAILED, "a memfd cannot be mapped");
+    return span;
+}
+
+static uint64_t read_passed(struct receiver *r, bool keep)
+{
+    struct stat info;
+    must(r->passed >= 0 && fstat(r->passed, &info) == 0, "no memfd came");
+    gpointer key = GSIZE_TO_POINTER(info.st_ino);
+    struct iovec *span = keep ? g_hash_table_lookup(r->mapped, key) : NULL;
+    bool known = span != NULL;
+    if (!known)
+        span = map_passed(r, &info);
+    struct reference_bytes all = {.from = span->iov_base, .bytes = span->iov_len, .n_threads = 1};
+    reference_read(&all);
+    close(r->passed);
+    if (!keep)
+        unmap(span);
+    else if (!known)
+        g_hash_table_insert(r->mapped, key, span);
+    return all.sum;
+}
+
+uint64_t read_memfds(struct receiver *r, const Lightstage__Fetch *fetch, bool keep)
+{
+    struct ls_frame_header header;
+    uint64_t sum = 0;
+    ask(r, LS_MESSAGE_FETCH, &fetch->base);
+    do {
+        header = receive(r);
+        sum += read_passed(r, keep);
+    } while (!(header.flags & LS_FRAME_LAST));
+    return sum;
 }
 
 void stored_fetch(Lightstage__Fetch *fetch, const struct serving *s)

@@ -38,6 +38,8 @@ struct receiver {
     size_t capacity;
     uint64_t received; /* of payload, in all */
     uint32_t request;
+    GHashTable *mapped; /* inode -> struct iovec of it */
+    int passed;         /* descriptor that came with the last frame, or -1 */
 };
 
 void receiver_open(struct receiver *receiver, const struct serving *serving);
@@ -45,6 +47,11 @@ void receiver_close(struct receiver *receiver);
 
 /** All tiles of @fetch, received and dropped. Ends the program on an Error. */
 void receive_all(struct receiver *receiver, const Lightstage__Fetch *fetch);
+
+/** All pictures of @fetch, which asks for memfds, mapped and read once. @keep: a mapping stays, and
+ * serves whenever the same memory comes again, until receiver_close. Returns a sum of what was
+ * read. */
+uint64_t read_memfds(struct receiver *receiver, const Lightstage__Fetch *fetch, bool keep);
 
 /** Tiles of every light, as stored; or promoted to R, halves of RGB. Its take is the serving's. */
 void stored_fetch(Lightstage__Fetch *fetch, const struct serving *serving);
