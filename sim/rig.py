@@ -187,8 +187,8 @@ controller = {{ {controller} {self.controller_extra} }};
         preload = ":".join([*self.usb().values(), *self.preload])
         if preload:
             testbed["LD_PRELOAD"] = preload
-        self.daemon = Process(self.path("daemon.log"), self.program("daemon/lightstaged"),
-                              "--config", self.path("daemon.conf"),
+        program = os.environ.get("LS_DAEMON") or self.program("daemon/lightstaged")
+        self.daemon = Process(self.path("daemon.log"), program, "--config", self.path("daemon.conf"),
                               environment={**testbed, **self.environment})
 
     def start(self):

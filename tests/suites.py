@@ -8,7 +8,10 @@ usage: tests/run [SUITE]       (tests/run installs what is missing, then starts 
             calculations are brief; warnings are errors
   full      also the long variants of the random tests
   sanitize  unit tests under AddressSanitizer and UndefinedBehaviorSanitizer
-  tsan      the daemon's unit tests under ThreadSanitizer
+  tsan      the daemon's unit tests under ThreadSanitizer, and the integration tests with a daemon
+            under it
+  leaks     1,000 takes and 10,000 connections leave nothing: tests/run leaks [--takes N]
+            [--connects N]
   rate      takes at the cameras' full rate, on an idle machine; --quick: 100 conditions each
   fuzz      targets of tests/fuzz, 10 minutes each: tests/run fuzz [TARGET...] [--seconds S] [--keep D]
   soak      200 short takes under random mixtures of faults: tests/run soak [--takes N] [--seed S]
@@ -23,6 +26,7 @@ import xml.etree.ElementTree as xml
 
 ROOT = os.path.dirname(os.path.dirname(os.path.abspath(__file__)))
 SOAK = os.path.join(ROOT, "tests", "integration", "soak.py")
+LEAKS = os.path.join(ROOT, "tests", "integration", "leaks.py")
 FUZZ = os.path.join(ROOT, "tests", "fuzz", "run.py")
 NOT_BUILT = 125  # meson test's exit code where its build fails
 CORES = len(os.sched_getaffinity(0))
@@ -156,6 +160,12 @@ def soak(arguments):
                                      env={"LS_SOURCE_ROOT": ROOT, "LS_BUILD_ROOT": folder})
 
 
+def leaks(arguments):
+    folder = build("build")
+    return 2 if not folder else call("/usr/bin/python3", "-B", LEAKS, *arguments,
+                                     env={"LS_SOURCE_ROOT": ROOT, "LS_BUILD_ROOT": folder})
+
+
 def fuzz(arguments):
     folder = build("build-sanitize", SANITIZE, "clang", whole=False)
     if not folder or call("ninja", "-C", folder, "--quiet", "fuzz"):
@@ -174,7 +184,7 @@ def rate(arguments):
 def main():
     for number in INTERRUPTS:
         signal.signal(number, signal.default_int_handler)
-    runs = {"soak": soak, "rate": rate, "fuzz": fuzz}
+    runs = {"soak": soak, "rate": rate, "fuzz": fuzz, "leaks": leaks}
     if sys.argv[1:] and sys.argv[1] in runs:
         try:
             return runs[sys.argv[1]](sys.argv[2:])
@@ -198,6 +208,9 @@ def main():
     if suite == "tsan":
         jobs.append(("build-tsan", ["-Db_sanitize=thread", "-Db_lundef=false"], "clang",
                      False, ["--suite=daemon"], {}))
+        # programs that follow their daemon's clock are as fast as ever
+        jobs.append(("build", [], "gcc", True, INTEGRATION, {"LS_DAEMON": os.path.join(
+            ROOT, "build-tsan", "tests", "lightstaged-tsan")}))
         env["TSAN_OPTIONS"] = "halt_on_error=0"
     elif suite != "sanitize":
         name = "build" if suite != "ci" else "build-ci"

@@ -63,6 +63,21 @@ gpointer g_async_queue_pop(GAsyncQueue *queue)
     return data;
 }
 
+/* Aravis waits with these, and pushes frames with the above. */
+gpointer g_async_queue_try_pop(GAsyncQueue *queue)
+{
+    gpointer data = REAL(g_async_queue_try_pop)(queue);
+    __tsan_acquire(queue);
+    return data;
+}
+
+gpointer g_async_queue_timeout_pop(GAsyncQueue *queue, guint64 timeout)
+{
+    gpointer data = REAL(g_async_queue_timeout_pop)(queue, timeout);
+    __tsan_acquire(queue);
+    return data;
+}
+
 /* ---- main loops ---- */
 
 struct call {
