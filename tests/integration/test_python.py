@@ -67,6 +67,44 @@ def test_pictures_are_those_of_lightstagectl_to_the_bit(folder):
     stage.close()
 
 
+def test_tiles_come_once_and_again_only_if_they_have_changed(folder):
+    rig, stage, take = photographed(folder)
+    crop = (70, 10, 50, 100)  # the right half of the tiles
+    for asked in ({"channel": "W", "dtype": "float16", "quantity": "estimate"},
+                  {"channel": "W", "region": crop},
+                  {"channel": "R", "model": "sphere", "layout": "rgb", "dtype": "float16", "region": crop},
+                  {"channel": "R", "model": "sphere", "layout": "rgb", "region": crop, "level": 1}):
+        expected = stage.fetch(take, **asked)
+        tiles = lightstage.Tiles()
+        stage.fetch_tiles(tiles, take, **asked)
+        assert tiles.lights == expected.lights and tiles.received == tiles.hashes.size
+        for k, pixels in enumerate(expected.pixels):
+            assert np.array_equal(tiles.picture(k), pixels), asked
+        whole = tiles.pixels.copy()
+        stage.fetch_tiles(tiles, take, **asked)
+        assert tiles.received == 0 and np.array_equal(tiles.pixels, whole), asked
+        # two that are gone, and what comes in their place
+        tiles.hashes.reshape(-1)[[1, -1]] = 0
+        tiles.pixels.reshape(tiles.hashes.size, -1)[[1, -1]] = 7
+        stage.fetch_tiles(tiles, take, **asked)
+        assert tiles.received == 2 and np.array_equal(tiles.pixels, whole), asked
+        # from the fifth on
+        tiles.hashes.reshape(-1)[5:], tiles.pixels[:] = 0, 7
+        stage.fetch_tiles(tiles, take, resume=True, **asked)
+        ours, theirs = (a.reshape(tiles.hashes.size, -1) for a in (tiles.pixels, whole))
+        assert np.array_equal(ours[5:], theirs[5:]) and np.all(ours[:5] == 7), asked
+        assert tiles.missing == tiles.hashes.size and tiles.lights == expected.lights
+        # in the daemon's memory
+        for shared, pixels in zip(stage.shared(take, **asked), expected.pixels, strict=True):
+            assert np.array_equal(shared.picture(), pixels), asked
+            assert not shared.tiles.flags.writeable
+    open_fds = len(os.listdir("/proc/self/fd"))
+    for _ in range(3):
+        list(stage.shared(take, "W", dtype="float16", quantity="estimate", credit_bytes=1))
+    assert len(os.listdir("/proc/self/fd")) == open_fds, "descriptors are left open"
+    stage.close()
+
+
 def test_relit_pictures_are_those_of_lightstagectl_to_the_bit(folder):
     rig, stage, take = photographed(folder)
     dice = np.random.default_rng(1)

@@ -15,6 +15,7 @@ from .field import Field, Picture
 from .pictures import write_pfm, write_png
 from .relit import Relit
 from .stage import Preview, Rig, Stage, connect
+from .tiles import Shared, Tiles
 
 __all__ = ["Error", "Field", "Lost", "Number", "Picture", "Preview", "Refused", "Relit", "Rig",
-           "Stage", "connect", "messages", "write_pfm", "write_png"]
+           "Shared", "Stage", "Tiles", "connect", "messages", "write_pfm", "write_png"]

@@ -44,12 +44,17 @@ def new_room(message: Any, n: int) -> List[memoryview]:
 
 
 class Request:
-    """An iterator over the answers to one request. Leaving it before its end cancels it: use `with`."""
+    """An iterator over the answers to one request. Leaving it before its end cancels it: use `with`.
+
+    A message with `credit_bytes` is answered so far ahead of the iterator, and no farther: what an
+    answer weighed is given back once the next is asked for."""
 
     def __init__(self, connection: "Connection", kind: int, message: Any, payload: bytes,
                  room: Room):
         self.kind, self.room, self.connection = kind, room, connection
         self.frames: Deque[Frame] = collections.deque()
+        self.credit: int = getattr(message, "credit_bytes", 0)
+        self.owed = 0
         self.ended = self.abandoned = False
         self.number = connection.register(self)
         connection.link.send(kind, self.number, message.SerializeToString(), memoryview(payload))
@@ -66,6 +71,9 @@ class Request:
     def __next__(self) -> Answer:
         if self.ended:
             raise StopIteration
+        if self.credit and 2 * self.owed >= self.credit:
+            self.connection.tell(CREDIT, messages.Credit(request=self.number, bytes=self.owed))
+            self.owed = 0
         while not self.frames:
             self.connection.receive()
         frame = self.frames.popleft()
@@ -73,6 +81,7 @@ class Request:
         if self.ended:
             self.connection.forget(self)
         message, buffers = frame.place
+        self.owed += weight(message, frame.head.payload_bytes)
         if frame.head.kind == ERROR:
             raise Refused(message.number, message.text)
         return Answer(message, buffers[0] if buffers else memoryview(b""), frame.head.fds)
@@ -94,10 +103,17 @@ class Request:
             close_all(self.frames.popleft().head.fds)
         if last:
             self.connection.forget(self)
-        elif self.kind != CANCEL and not self.connection.closed:
-            Request(self.connection, CANCEL, messages.Cancel(request=self.number), b"",
-                    new_room).cancel()
-            self.connection.link.flush()
+        elif not self.connection.closed:
+            self.connection.tell(CANCEL, messages.Cancel(request=self.number))
+
+
+def weight(message: Any, payload_bytes: int) -> int:
+    """Of an answer, as credit counts: its payload, or the tiles that it hands over."""
+    if not getattr(message, "memfd", False):
+        return payload_bytes
+    value = 2 if message.sample == messages.HALF else 4
+    sent = len(message.tile) - sum(message.tile_unchanged)
+    return int(sent * 64 * 64 * message.components * value)
 
 
 def close_all(fds: List[int]) -> None:
@@ -139,6 +155,10 @@ class Connection:
     def ask(self, kind: int, message: Any, payload: bytes = b"") -> Answer:
         return self.request(kind, message, payload).only()
 
+    def tell(self, kind: int, message: Any) -> None:
+        """A request whose answer says nothing."""
+        self.request(kind, message).abandoned = True
+
     def receive(self) -> None:
         """One frame, for whichever request it answers; returns early where none is there yet."""
         if self.closed:
@@ -154,6 +174,9 @@ class Connection:
     def close(self) -> None:
         self.closed = True
         self.link.close()
+        for request in self._requests.values():
+            for frame in request.frames:
+                close_all(frame.head.fds)
 
     # ---- of the link ----
 

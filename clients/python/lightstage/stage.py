@@ -12,8 +12,10 @@ from .arrays import Array, light_numbers
 from .connection import Connection, open_socket, tls_context
 from .field import Bands, Field, Picture, number, region_message, sample_of
 from .relit import Canvas, Relit, Weights, rows_of
+from .tiles import Shared, Tiles, shared_pictures
 
 NAME = "python lightstage"
+AHEAD_BYTES = 64 << 20  # of an iterator: what the daemon may send before it is asked for
 
 
 class Rig(NamedTuple):
@@ -190,6 +192,7 @@ class Stage:
         """Pictures one after the other, each in an array of its own; as fetch()."""
         ask = self._fetch(take, channel, light_numbers(lights), region, model, layout, quantity,
                           dtype, **others)
+        ask.credit_bytes = ask.credit_bytes or AHEAD_BYTES
         bands = Bands()
         with self._connection.request(wire.FETCH, ask, room=bands.room) as request:
             yield from bands.pictures(request)
@@ -206,18 +209,51 @@ class Stage:
         "estimate", as stored. `dtype`: float32 or float16. `out`: an array [n][height][width]
         [components] that the pictures are received into. Other words are those of messages.Fetch:
         camera, promotion (in place of model), full_sphere, conditions, variance, validity, level."""
-        chosen = light_numbers(lights)
-        ask = self._fetch(take, channel, chosen, region, model, layout, quantity, dtype, **others)
-        if ask.full_sphere:
-            n = 1
-        elif ask.conditions or chosen is not None:
-            n = len(ask.conditions or chosen or ())
-        else:
-            n = self.summary(take).n_lights
-        bands = Bands(n if out is None else len(out), out)
+        ask = self._fetch(take, channel, light_numbers(lights), region, model, layout, quantity,
+                          dtype, **others)
+        bands = Bands(self._most(ask) if out is None else len(out), out)
         with self._connection.request(wire.FETCH, ask, room=bands.room) as request:
             pictures = list(bands.pictures(request))
         return Field(bands.whole["pixels"][:len(pictures)], pictures)
+
+    def _most(self, ask: messages.Fetch) -> int:
+        """Pictures that may come."""
+        if ask.full_sphere:
+            return 1
+        return len(ask.conditions or ask.lights) or self.summary(ask.take).n_lights
+
+    def fetch_tiles(self, tiles: Tiles, take: str, channel: str = "", *,
+                    lights: Optional[Iterable[int]] = None, region: Optional[Sequence[int]] = None,
+                    model: Any = "measured", layout: Any = "mosaic", quantity: Any = "reflectance",
+                    dtype: Any = np.float32, resume: bool = False, **others: Any) -> None:
+        """Fill `tiles` with pictures as fetch() has them. What it holds already, from the same request
+        before, comes again only where it has changed. `resume`: go on where a call ended early,
+        after a lost connection, and do not look at what is there."""
+        ask = self._fetch(take, channel, light_numbers(lights), region, model, layout, quantity,
+                          dtype, tiles=True, **others)
+        n = len(tiles.pixels) or self._most(ask)
+        hashes = tiles.hashes.reshape(-1)[:self.hello.max_payload_bytes // 8]
+        if resume:
+            ask.first_tile, hashes = tiles.missing, hashes[:0]
+            if tiles.missing and tiles.missing == tiles.hashes.size:
+                return
+
+        def room(reply: messages.FetchReply, n_bytes: int) -> List[memoryview]:
+            return tiles.room(ask, n, reply)
+        with self._connection.request(wire.FETCH, ask, hashes.tobytes(), room) as request:
+            tiles.fill(request)
+
+    def shared(self, take: str, channel: str = "", *, lights: Optional[Iterable[int]] = None,
+               region: Optional[Sequence[int]] = None, model: Any = "measured",
+               layout: Any = "mosaic", quantity: Any = "reflectance", dtype: Any = np.float32,
+               **others: Any) -> Iterator[Shared]:
+        """Pictures one after the other, in the daemon's memory: nothing is copied. On its Unix socket
+        alone."""
+        ask = self._fetch(take, channel, light_numbers(lights), region, model, layout, quantity,
+                          dtype, tiles=True, memfd=True, **others)
+        ask.credit_bytes = ask.credit_bytes or AHEAD_BYTES
+        with self._connection.request(wire.FETCH, ask) as request:
+            yield from shared_pictures(ask, request)
 
     def relight(self, take: str, weights: Weights, *, mode: Any = "shared",
                 region: Optional[Sequence[int]] = None, camera: int = 0, max_error: float = 0,
