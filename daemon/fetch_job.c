@@ -536,6 +536,28 @@ static enum ls_err lend_tiles(struct fetch_job *self, const struct picture *pict
     return ls_tiles_lend(&self->tiles, picture->map, &holder, chunk, body, diag);
 }
 
+/* Each pixel is made of those around it alone. */
+static bool by_pixel(const struct fetch_job *self)
+{
+    return !ls_reduction_any(&self->reduction) && (!promoted(self) || promoted_as_halves(self));
+}
+
+struct tile_maker {
+    struct fetch_job *job;
+    const struct picture *picture;
+    uint32_t components;
+};
+
+static enum ls_err make_tile(void *user, struct ls_demosaic_region region, uint8_t **values,
+                             struct ls_diag *diag)
+{
+    const struct tile_maker *m = user;
+    struct ls_chunk chunk = {0};
+    enum ls_err err = make_payload(m->job, m->picture, region, m->components, &chunk, diag);
+    *values = chunk.payload;
+    return err;
+}
+
 /* *there: some are complete. */
 static enum ls_err make_tiles(struct fetch_job *self, const struct picture *picture,
                               uint32_t components, struct ls_chunk *chunk,
@@ -583,8 +605,14 @@ static enum ls_err next_tiles(struct fetch_job *self, const struct picture *pict
     if (err || !there)
         return err;
     describe(self, picture, self->region, components, &body);
-    err = as_stored(self) ? lend_tiles(self, picture, chunk, &body, diag)
-                          : make_tiles(self, picture, components, chunk, &body, &there, diag);
+    struct tile_maker maker = {self, picture, components};
+    const struct ls_crew crew = {ls_crew_threads(), &self->job};
+    if (as_stored(self))
+        err = lend_tiles(self, picture, chunk, &body, diag);
+    else if (by_pixel(self))
+        err = ls_tiles_make(&self->tiles, &crew, make_tile, &maker, chunk, &body, &there, diag);
+    else
+        err = make_tiles(self, picture, components, chunk, &body, &there, diag);
     return err || !there ? err : send(self, &body, ls_tiles_end(&self->tiles), chunk, last, diag);
 }
 

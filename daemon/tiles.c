@@ -5,7 +5,7 @@
 #include <string.h>
 #include <unistd.h>
 
-enum { SIDE = LS_EXR_TILE_PX, LENT_BYTES = 1 << 20, MOST_LISTED = 4096 };
+enum { SIDE = LS_EXR_TILE_PX, LENT_BYTES = 1 << 20, MADE_BYTES = 3 << 20, MOST_LISTED = 4096 };
 
 static enum ls_err out_of_memory(struct ls_diag *diag)
 {
@@ -269,6 +269,18 @@ enum ls_err ls_tiles_tell(struct ls_tiles *tiles, struct ls_chunk *chunk,
     return *there ? list(tiles, chunk, body, diag) : LS_OK;
 }
 
+/* The tiles from @from on are the payload: listed, or gone into the memfd. */
+static enum ls_err finish_made(struct ls_tiles *tiles, uint32_t from, struct ls_chunk *chunk,
+                               Lightstage__FetchReply *body, bool *there, struct ls_diag *diag)
+{
+    *there = true;
+    if (!tiles->memfds)
+        return list(tiles, chunk, body, diag);
+    enum ls_err err = put_into_memfd(tiles, from, chunk->payload, diag);
+    ls_chunk_finish(chunk);
+    return err ? err : ls_tiles_tell(tiles, chunk, body, there, diag);
+}
+
 enum ls_err ls_tiles_take(struct ls_tiles *tiles, struct ls_chunk *chunk,
                           Lightstage__FetchReply *body, bool *there, struct ls_diag *diag)
 {
@@ -282,13 +294,74 @@ enum ls_err ls_tiles_take(struct ls_tiles *tiles, struct ls_chunk *chunk,
     chunk->payload_bytes = (size_t)(close_up(tiles, n, chunk->payload) - chunk->payload);
     tiles->n_rows = rest;
     tiles->filled = rest > 0 ? tiles->filled - SIDE * n : 0;
-    if (!tiles->memfds) {
-        *there = true;
-        return list(tiles, chunk, body, diag);
+    return finish_made(tiles, from, chunk, body, there, diag);
+}
+
+/* ---- one by one ---- */
+
+struct making {
+    struct ls_tiles *tiles;
+    ls_tiles_maker *make;
+    void *user;
+    uint32_t from;
+    uint8_t *bytes; /* of all, zeroed */
+};
+
+static struct ls_demosaic_region region_of(const struct ls_tiles *tiles, uint32_t number)
+{
+    uint32_t across = (tiles->width + SIDE - 1) / SIDE;
+    uint32_t x = number % across * SIDE, y = number / across * SIDE;
+    return (struct ls_demosaic_region){x, y, tiles->width - x < SIDE ? tiles->width - x : SIDE,
+                                       tiles->height - y < SIDE ? tiles->height - y : SIDE};
+}
+
+static enum ls_err make_one(void *user, uint32_t item, unsigned thread, struct ls_diag *diag)
+{
+    const struct making *m = user;
+    struct ls_tiles *tiles = m->tiles;
+    const struct ls_demosaic_region r = region_of(tiles, tiles->number[m->from + item]);
+    size_t line = SIDE * tiles->pixel_bytes, row = r.width * tiles->pixel_bytes;
+    uint8_t *tile = m->bytes + item * tile_bytes(tiles);
+    LS_CLEANUP_FREE uint8_t *values = NULL;
+    enum ls_err err = m->make(m->user, r, &values, diag);
+    for (uint32_t y = 0; y < r.height && !err; y++)
+        memcpy(tile + y * line, values + y * row, row);
+    tiles->hash[m->from + item] = err ? 0 : ls_tile_hash(tile, tile_bytes(tiles));
+    return err;
+}
+
+/* Those that the client has not got move up. Returns their bytes. */
+static size_t keep_unknown(struct ls_tiles *tiles, uint32_t n, uint8_t *bytes)
+{
+    uint8_t *to = bytes;
+    for (uint32_t i = 0; i < n; i++, bytes += tile_bytes(tiles)) {
+        if (note(tiles, tiles->hash[tiles->next]))
+            continue;
+        if (bytes != to)
+            memcpy(to, bytes, tile_bytes(tiles));
+        to += tile_bytes(tiles);
     }
-    enum ls_err err = put_into_memfd(tiles, from, chunk->payload, diag);
-    ls_chunk_finish(chunk);
-    return err ? err : ls_tiles_tell(tiles, chunk, body, there, diag);
+    return n * tile_bytes(tiles) - (size_t)(bytes - to);
+}
+
+enum ls_err ls_tiles_make(struct ls_tiles *tiles, const struct ls_crew *crew, ls_tiles_maker *make,
+                          void *user, struct ls_chunk *chunk, Lightstage__FetchReply *body,
+                          bool *there, struct ls_diag *diag)
+{
+    size_t most = MADE_BYTES / tile_bytes(tiles), left = count(tiles) - tiles->next;
+    uint32_t n = (uint32_t)(most < left ? most : left);
+    enum ls_err err = ls_tiles_tell(tiles, chunk, body, there, diag);
+    if (err || *there)
+        return err;
+    struct making making = {tiles, make, user, tiles->next, calloc(n, tile_bytes(tiles))};
+    if (!making.bytes)
+        return out_of_memory(diag);
+    chunk->payload = making.bytes;
+    err = ls_crew_run(crew, n, make_one, &making, diag);
+    if (err)
+        return err;
+    chunk->payload_bytes = keep_unknown(tiles, n, making.bytes);
+    return finish_made(tiles, making.from, chunk, body, there, diag);
 }
 
 /* ---- what is stored ---- */

@@ -12,6 +12,7 @@
 
 #include "core/demosaic.h"
 #include "core/error.h"
+#include "daemon/crew.h"
 #include "daemon/memfds.h"
 #include "daemon/outbox.h"
 #include "daemon/picture_map.h"
@@ -81,6 +82,18 @@ LS_MUST_CHECK enum ls_err ls_tiles_take(struct ls_tiles *tiles, struct ls_chunk 
 /** List more of a complete picture whose list one frame does not hold: only a memfd's. *there:
  * there was more. Errors: those of ls_memfd_share. */
 LS_MUST_CHECK enum ls_err ls_tiles_tell(struct ls_tiles *tiles, struct ls_chunk *chunk,
+                                        Lightstage__FetchReply *body, bool *there,
+                                        struct ls_diag *diag);
+
+/** The pixels of @region, which lies inside one tile: [region.height][region.width] as they are
+ * sent. *values: (transfer full), free. Several threads at once. */
+typedef enum ls_err ls_tiles_maker(void *user, struct ls_demosaic_region region, uint8_t **values,
+                                   struct ls_diag *diag);
+
+/** The next tiles, about 3 MiB, each made by itself, by a crew: in place of add and take. *there
+ * and errors: as ls_tiles_take; those of @make. */
+LS_MUST_CHECK enum ls_err ls_tiles_make(struct ls_tiles *tiles, const struct ls_crew *crew,
+                                        ls_tiles_maker *make, void *user, struct ls_chunk *chunk,
                                         Lightstage__FetchReply *body, bool *there,
                                         struct ls_diag *diag);
 

@@ -350,23 +350,23 @@ static void assert_waits(struct hall *hall, uint64_t times)
     g_assert_cmpuint(waits, ==, times);
 }
 
-/* Three tiles of floats are a row of tiles. */
+/* A picture of this size is one frame. */
 static void who_has_no_credit_waits(struct hall *hall, gconstpointer data)
 {
-    enum { ROW = ACROSS * SIDE * SIDE * 4 };
+    enum { PICTURE = TILES * SIDE * SIDE * 4 };
     Lightstage__Fetch fetch;
     uint16_t type;
     bool found = false;
     a_fetch(&fetch, hall);
     fetch.tiles = true;
-    fetch.credit_bytes = ROW + 1;
+    fetch.credit_bytes = PICTURE + 1;
     uint32_t request = send_request(hall, LS_MESSAGE_FETCH, &fetch.base, NULL, 0);
     for (int k = 0; k < 2; k++) {
-        g_assert_cmpuint(next_frame(hall, &type, NULL, NULL), ==, ROW);
+        g_assert_cmpuint(next_frame(hall, &type, NULL, NULL), ==, PICTURE);
         g_assert_cmpuint(type, ==, LS_MESSAGE_FETCH);
     }
     assert_waits(hall, 1);
-    give(hall, request + 100, ROW);
+    give(hall, request + 100, PICTURE);
     next_frame(hall, &type, &found, NULL);
     g_assert_false(found);
     give(hall, request, 1);
@@ -374,7 +374,7 @@ static void who_has_no_credit_waits(struct hall *hall, gconstpointer data)
     for (int k = 0; k < 2; k++) /* whichever comes first */
         n += next_frame(hall, &type, &found, NULL);
     g_assert_true(found);
-    g_assert_cmpuint(n, ==, ROW);
+    g_assert_cmpuint(n, ==, PICTURE);
     assert_waits(hall, 2);
     give(hall, request, UINT64_MAX);
     uint32_t refused;
