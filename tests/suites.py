@@ -12,7 +12,8 @@ usage: tests/run [SUITE]       (tests/run installs what is missing, then starts 
             under it
   leaks     1,000 takes and 10,000 connections leave nothing: tests/run leaks [--takes N]
             [--connects N]
-  rate      takes at the cameras' full rate, on an idle machine; --quick: 100 conditions each
+  rate      takes at the cameras' full rate, on an idle machine; --quick: 100 conditions each;
+            --clients: one of them, alone and while clients pull pictures
   fuzz      targets of tests/fuzz, 10 minutes each: tests/run fuzz [TARGET...] [--seconds S] [--keep D]
   soak      200 short takes under random mixtures of faults: tests/run soak [--takes N] [--seed S]
 """

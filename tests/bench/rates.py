@@ -18,6 +18,7 @@ sys.path.insert(0, os.path.join(ROOT, "sim"))
 import rig as stage  # noqa: E402
 
 PROCESSORS = 2
+PULLERS = os.path.join(os.path.dirname(os.path.abspath(__file__)), "pullers.py")
 SIDE_PX = 2048
 EXPOSURES_US = (400, 2000, 8000)
 CHANNELS = "WRGB"
@@ -26,6 +27,9 @@ BLOCKS = 16  # of a stamp, along a side: sim/stamp.h
 # that; one that does not is 0 within 0.01
 ZERO_SHARE = 0.1
 RECEIVING = ("arv_gv_stream", "ls-cam-")  # the threads a frame passes on its way to a ticket
+ONE = f"""subject = "still"; exposures_us = [2000]; darks = 2; reference = {{ every = 0; }};
+conditions = ( {{ kind = "each"; lights = [0]; channels = ["{CHANNELS[0]}"]; }} );
+"""
 # Fewer than the eight from which on noisy pixels are looked for: bits of stamps differ from dark to
 # dark, and would all be taken for such
 DARKS = 4
@@ -63,7 +67,8 @@ class Account:
         self.pids = {"sim": rig.dome.child.pid, "daemon": rig.daemon.child.pid}
         self.log, self.frames, self.first = rig.path("shown.jsonl"), 0, None
         self.begin = len(rig.addresses) * (DARKS + 1) * len(EXPOSURES_US)
-        self.at, self.seen, self.done = 0, {}, threading.Event()
+        self.at = os.path.getsize(self.log) if os.path.exists(self.log) else 0
+        self.seen, self.done = {}, threading.Event()
         self.before = self.look()
         self.watcher = threading.Thread(target=self.watch)
         self.watcher.start()
@@ -179,16 +184,37 @@ def pulses_s(rig):
 
 
 def take(build, side=SIDE_PX, fps=72, pixel_format="BayerRG8", cameras=1, conditions=1000,
-         exposures_us=EXPOSURES_US):
-    """One take to its end; what is known of it as a dictionary."""
+         exposures_us=EXPOSURES_US, pulled=False):
+    """One take to its end; what is known of it as a dictionary. @pulled: while sixteen clients pull
+    a picture of a short take before it, four of which never read; "pulled_mb" is what they got."""
     with tempfile.TemporaryDirectory(prefix="ls-rate-") as folder:
         rig = rig_of(build, folder, side, fps, pixel_format, cameras,
                      conditions // len(CHANNELS))
         try:
             rig.start()
-            return measure(rig, side, plan(conditions, exposures_us))
+            short = rig.start_take("pulled", ONE) if pulled else None
+            pullers = pull(rig, short) if pulled else None
+            result = measure(rig, side, plan(conditions, exposures_us))
+            return {**result, "pulled_mb": let_go(pullers) / 1e6} if pulled else result
         finally:
             rig.stop()
+
+
+def pull(rig, take):
+    child = subprocess.Popen([PULLERS, rig.path("socket"), take, "0", CHANNELS[0]], text=True,
+                             stdout=subprocess.PIPE, preexec_fn=stage.die_with_parent)
+    if child.stdout.readline() != "pulling\n":
+        raise stage.Failed("the clients are not served")
+    return child
+
+
+def let_go(child):
+    """Bytes that they were given."""
+    child.terminate()
+    text, _ = child.communicate()
+    if child.returncode:
+        raise stage.Failed("a client that reads was sent away")
+    return int(text)
 
 
 def measure(rig, side, text):

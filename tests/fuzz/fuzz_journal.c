@@ -72,7 +72,8 @@ static void check(const char *text, size_t n)
     if (!err) {
         HOLDS(!replay(text, n_good, &again, &n_again));
         HOLDS(n_again == n_good && again.records == first.records);
-        HOLDS(!replay(first.batch.text, first.batch.n, &rewritten, &n_rewritten));
+        const char *batch = first.batch.text ? first.batch.text : "";
+        HOLDS(!replay(batch, first.batch.n, &rewritten, &n_rewritten));
         HOLDS(n_rewritten == first.batch.n);
         HOLDS(first.unwritable || rewritten.records == first.records);
         HOLDS(rewritten.batch.n == first.batch.n &&
