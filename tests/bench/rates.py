@@ -73,6 +73,14 @@ class Account:
         self.watcher = threading.Thread(target=self.watch)
         self.watcher.start()
 
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *_):
+        """However it ends: a thread that goes on keeps the program alive."""
+        self.done.set()
+        self.watcher.join()
+
     def look(self):
         return {(who, *thread): s for who, pid in self.pids.items()
                 for thread, s in threads_s(pid).items()}
@@ -95,8 +103,7 @@ class Account:
 
     def ms(self):
         """{"sim camera": ms per frame ...}"""
-        self.done.set()
-        self.watcher.join()
+        self.__exit__()
         self.count()
         self.seen.update(self.look())
         frames = max(1, self.frames - (self.first or 0))
@@ -219,17 +226,16 @@ def let_go(child):
 
 def measure(rig, side, text):
     stage.write(rig.path("plan.conf"), text)
-    account = Account(rig)
-    done = subprocess.run([rig.program("clients/lightstagectl"), "--socket", rig.path("socket"),
-                           "take", "start", "--name", "rate", "--plan", rig.path("plan.conf"),
-                           "--json"], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
-                          check=False)
-    if not done.stdout:
-        account.ms()
-        raise stage.Failed(done.stderr)
+    with Account(rig) as account:
+        done = subprocess.run([rig.program("clients/lightstagectl"), "--socket",
+                               rig.path("socket"), "take", "start", "--name", "rate", "--plan",
+                               rig.path("plan.conf"), "--json"], stdout=subprocess.PIPE,
+                              stderr=subprocess.PIPE, text=True, check=False)
+        if not done.stdout:
+            raise stage.Failed(done.stderr)
+        cost = account.ms()
     status = json.loads(done.stdout)
     at = pulses_s(rig)
-    cost = account.ms()
     judged = rig.judge(status["id"])
     cameras = rig.ask("metrics")["cameras"]
     return {"state": status["state"], "message": status["message"],
