@@ -19,17 +19,50 @@ static void print_usage(const struct ls_command *command, FILE *out)
             command->summary);
 }
 
+void ls_command_defaults(struct ls_command_context *context)
+{
+    const char *socket = getenv("LIGHTSTAGED_SOCKET"), *server = getenv("LIGHTSTAGED_SERVER");
+    context->socket_path = socket && socket[0] ? socket : "/run/lightstaged/socket";
+    context->remote = (struct ls_remote){.url = server && server[0] ? server : NULL,
+                                         .certificate = getenv("LIGHTSTAGED_CERTIFICATE"),
+                                         .key = getenv("LIGHTSTAGED_KEY"),
+                                         .authority = getenv("LIGHTSTAGED_AUTHORITY")};
+}
+
+bool ls_command_take_option(struct ls_command_context *context, int option, const char *value)
+{
+    switch (option) {
+    case LS_OPTION_SOCKET:
+        context->socket_path = value;
+        context->remote.url = NULL;
+        return true;
+    case LS_OPTION_SERVER:
+        context->remote.url = value;
+        return true;
+    case LS_OPTION_CERTIFICATE:
+        context->remote.certificate = value;
+        return true;
+    case LS_OPTION_KEY:
+        context->remote.key = value;
+        return true;
+    case LS_OPTION_AUTHORITY:
+        context->remote.authority = value;
+        return true;
+    case LS_OPTION_JSON:
+        context->json = true;
+        return true;
+    default:
+        return false;
+    }
+}
+
 int ls_command_option(struct ls_command_context *context, const struct ls_command *command,
                       int argc, char **argv, const struct option *options)
 {
-    int option = getopt_long(argc, argv, "", options, NULL);
-    while (option == LS_OPTION_SOCKET || option == LS_OPTION_JSON) {
-        if (option == LS_OPTION_SOCKET)
-            context->socket_path = optarg;
-        else
-            context->json = true;
+    int option;
+    do
         option = getopt_long(argc, argv, "", options, NULL);
-    }
+    while (ls_command_take_option(context, option, optarg));
     if (option == LS_OPTION_HELP) {
         print_usage(command, stdout);
         exit(ls_command_end(LS_EXIT_OK));
@@ -105,7 +138,9 @@ int ls_command_connect(struct ls_command_context *context)
     if (context->connection)
         return LS_EXIT_OK;
     enum ls_err err =
-        ls_connection_open(context->socket_path, &context->connection, &context->diag);
+        context->remote.url
+            ? ls_connection_open_remote(&context->remote, &context->connection, &context->diag)
+            : ls_connection_open(context->socket_path, &context->connection, &context->diag);
     if (!err)
         return LS_EXIT_OK;
     ls_command_failed(context, err);

@@ -28,6 +28,7 @@ enum ls_exit {
 
 struct ls_command_context {
     const char *socket_path;
+    struct ls_remote remote; /* with a url: in place of the socket */
     bool json;
     bool quiet; /* takes are part of something longer: what they come to goes to standard error */
     struct ls_connection *connection; /* NULL until ls_command_connect */
@@ -45,16 +46,35 @@ extern const struct ls_command ls_command_status, ls_command_rig, ls_command_pre
     ls_command_take_start, ls_command_take_resume, ls_command_take_abort, ls_command_take_list,
     ls_command_take_show, ls_command_take_verify, ls_command_take_slate, ls_command_fetch,
     ls_command_relight, ls_command_blank, ls_command_calibrate, ls_command_metrics,
-    ls_command_preview;
+    ls_command_preview, ls_command_pki_init, ls_command_pki_add;
 
 /** Options every command has; put them at the end of its table. */
-enum { LS_OPTION_SOCKET = 1000, LS_OPTION_JSON, LS_OPTION_HELP };
+enum {
+    LS_OPTION_SOCKET = 1000,
+    LS_OPTION_SERVER,
+    LS_OPTION_CERTIFICATE,
+    LS_OPTION_KEY,
+    LS_OPTION_AUTHORITY,
+    LS_OPTION_JSON,
+    LS_OPTION_HELP,
+};
 #define LS_COMMON_OPTIONS                                                                         \
     {"socket", required_argument, NULL, LS_OPTION_SOCKET},                                        \
+        {"server", required_argument, NULL, LS_OPTION_SERVER},                                    \
+        {"certificate", required_argument, NULL, LS_OPTION_CERTIFICATE},                          \
+        {"key", required_argument, NULL, LS_OPTION_KEY},                                          \
+        {"authority", required_argument, NULL, LS_OPTION_AUTHORITY},                              \
         {"json", no_argument, NULL, LS_OPTION_JSON}, {"help", no_argument, NULL, LS_OPTION_HELP}, \
     {                                                                                             \
         0                                                                                         \
     }
+
+/** What the environment says of where the daemon is. */
+void ls_command_defaults(struct ls_command_context *context);
+
+/** Take one of the common options that stand before the command too, but --help. False: it is
+ * another. */
+bool ls_command_take_option(struct ls_command_context *context, int option, const char *value);
 
 /**
  * getopt_long for a command: handles the common options, returns the others, -1 at the end.

@@ -20,6 +20,7 @@ static const uint64_t max_payload = (uint64_t)1 << 30; /* of a reply; memory gro
 
 struct ls_connection {
     int fd;
+    struct ls_secure *secure; /* NULL: fd is a plain socket of ours, else it is secure's */
     uint32_t last_request;
     uint32_t error;
     struct ls_frame_decoder decoder;
@@ -43,8 +44,9 @@ void ls_connection_close(struct ls_connection *connection)
 {
     if (!connection)
         return;
-    if (connection->fd >= 0)
+    if (!connection->secure)
         close(connection->fd);
+    ls_secure_close(connection->secure);
     ls_frame_decoder_finish(&connection->decoder);
     free(connection->in);
     free(connection);
@@ -59,7 +61,10 @@ static enum ls_err send_all(struct ls_connection *connection, struct iovec *span
                             struct ls_diag *diag)
 {
     size_t at = 0;
-    while (at < n) {
+    enum ls_err err = LS_OK;
+    for (; connection->secure && at < n && !err; at++)
+        err = ls_secure_write(connection->secure, spans[at].iov_base, spans[at].iov_len, diag);
+    while (at < n && !err) {
         struct msghdr message = {.msg_iov = spans + at, .msg_iovlen = n - at};
         ssize_t sent = sendmsg(connection->fd, &message, MSG_NOSIGNAL);
         if (sent < 0 && errno == EINTR)
@@ -73,7 +78,7 @@ static enum ls_err send_all(struct ls_connection *connection, struct iovec *span
             spans[at].iov_len -= (size_t)sent;
         }
     }
-    return LS_OK;
+    return err;
 }
 
 enum ls_err ls_connection_send(struct ls_connection *connection, uint16_t type,
@@ -107,17 +112,27 @@ static bool interrupted_waiting(int fd)
     return ppoll(&wait, 1, NULL, &mask) < 0 && errno == EINTR;
 }
 
+static enum ls_err read_plain(struct ls_connection *connection, size_t *n, struct ls_diag *diag)
+{
+    ssize_t got = recv(connection->fd, connection->in, READ_BYTES, 0);
+    if (got < 0 && errno == EINTR)
+        return ls_fail(diag, LS_ERR_ABORTED, "interrupted");
+    *n = got > 0 ? (size_t)got : 0;
+    return got > 0 ? LS_OK : lost(diag);
+}
+
 static enum ls_err read_more(struct ls_connection *connection, struct ls_diag *diag)
 {
-    if (interrupted_waiting(connection->fd))
+    struct ls_secure *secure = connection->secure;
+    size_t n = 0;
+    if (!(secure && ls_secure_has_bytes(secure)) && interrupted_waiting(connection->fd))
         return ls_fail(diag, LS_ERR_ABORTED, "interrupted");
-    ssize_t n = recv(connection->fd, connection->in, READ_BYTES, 0);
-    if (n < 0 && errno == EINTR)
-        return ls_fail(diag, LS_ERR_ABORTED, "interrupted");
-    if (n <= 0)
-        return lost(diag);
+    enum ls_err err = secure ? ls_secure_read(secure, connection->in, READ_BYTES, &n, diag)
+                             : read_plain(connection, &n, diag);
+    if (err)
+        return err;
     connection->in_used = 0;
-    connection->in_fill = (size_t)n;
+    connection->in_fill = n;
     return LS_OK;
 }
 
@@ -233,28 +248,44 @@ static enum ls_err connect_unix(const char *path, int *out, struct ls_diag *diag
     return LS_OK;
 }
 
-enum ls_err ls_connection_open(const char *socket_path, struct ls_connection **out,
-                               struct ls_diag *diag)
+/* Over @fd or @secure, either (transfer full). */
+static enum ls_err begin(int fd, struct ls_secure *secure, struct ls_connection **out,
+                         struct ls_diag *diag)
 {
-    int fd = -1;
-    enum ls_err err = connect_unix(socket_path, &fd, diag);
-    if (err)
-        return err;
     struct ls_connection *connection = calloc(1, sizeof *connection);
     uint8_t *in = malloc(READ_BYTES);
     if (!connection || !in) {
         free(connection);
         free(in);
-        close(fd);
+        if (!secure)
+            close(fd);
+        ls_secure_close(secure);
         return ls_fail(diag, LS_ERR_NOMEM, "out of memory");
     }
     connection->fd = fd;
+    connection->secure = secure;
     connection->in = in;
     ls_frame_decoder_init(&connection->decoder, max_payload);
-    err = greet(connection, diag);
+    enum ls_err err = greet(connection, diag);
     if (err)
         ls_connection_close(connection);
     else
         *out = connection;
     return err;
+}
+
+enum ls_err ls_connection_open(const char *socket_path, struct ls_connection **out,
+                               struct ls_diag *diag)
+{
+    int fd = -1;
+    enum ls_err err = connect_unix(socket_path, &fd, diag);
+    return err ? err : begin(fd, NULL, out, diag);
+}
+
+enum ls_err ls_connection_open_remote(const struct ls_remote *remote, struct ls_connection **out,
+                                      struct ls_diag *diag)
+{
+    struct ls_secure *secure = NULL;
+    enum ls_err err = ls_secure_connect(remote, &secure, diag);
+    return err ? err : begin(ls_secure_fd(secure), secure, out, diag);
 }

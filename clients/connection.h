@@ -5,6 +5,7 @@
 #ifndef LS_CLIENTS_CONNECTION_H
 #define LS_CLIENTS_CONNECTION_H
 
+#include "clients/secure.h"
 #include "core/error.h"
 #include "proto/message.h"
 
@@ -33,6 +34,11 @@ void ls_reply_finish(struct ls_reply *reply);
  */
 LS_MUST_CHECK enum ls_err ls_connection_open(const char *socket_path, struct ls_connection **out,
                                              struct ls_diag *diag);
+
+/** The same to a daemon on another machine. Errors also: those of ls_secure_connect. */
+LS_MUST_CHECK enum ls_err ls_connection_open_remote(const struct ls_remote *remote,
+                                                    struct ls_connection **out,
+                                                    struct ls_diag *diag);
 
 /** Send a request; its id goes to *request. Errors: LS_ERR_LIMIT, LS_ERR_GONE. */
 LS_MUST_CHECK enum ls_err ls_connection_send(struct ls_connection *connection, uint16_t type,

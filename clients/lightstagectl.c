@@ -14,19 +14,23 @@ static const struct ls_command *const commands[] = {
     &ls_command_take_verify, &ls_command_take_resume, &ls_command_take_abort,
     &ls_command_fetch,       &ls_command_relight,     &ls_command_blank,
     &ls_command_calibrate,   &ls_command_take_slate,  &ls_command_metrics,
-    &ls_command_preview,
+    &ls_command_preview,     &ls_command_pki_init,    &ls_command_pki_add,
 };
 
 enum { N_COMMANDS = sizeof commands / sizeof *commands };
 
 static void print_help(FILE *out)
 {
-    fputs("usage: lightstagectl [--socket PATH] COMMAND [ARGUMENTS] [--json]\n\n", out);
+    fputs("usage: lightstagectl [--socket PATH | --server URL] COMMAND [ARGUMENTS] [--json]\n\n",
+          out);
     for (size_t i = 0; i < N_COMMANDS; i++)
         fprintf(out, "  %-12s  %s\n", commands[i]->name, commands[i]->summary);
     fputs("\n"
           "  --socket PATH  where lightstaged listens; else LIGHTSTAGED_SOCKET, else\n"
           "                 /run/lightstaged/socket\n"
+          "  --server tls://HOST:PORT --certificate FILE --key FILE --authority FILE\n"
+          "                 a daemon on another machine; else LIGHTSTAGED_SERVER,\n"
+          "                 LIGHTSTAGED_CERTIFICATE, LIGHTSTAGED_KEY, LIGHTSTAGED_AUTHORITY\n"
           "  --json         machine-readable answer, with every reading command\n"
           "  COMMAND --help says more of a command\n"
           "\n"
@@ -85,10 +89,11 @@ static int run(struct ls_command_context *context, int argc, char **argv)
 static int command_line(int argc, char **argv)
 {
     static const struct option options[] = {{"version", no_argument, NULL, 'v'}, LS_COMMON_OPTIONS};
-    struct ls_command_context context = {.socket_path = getenv("LIGHTSTAGED_SOCKET")};
-    if (!context.socket_path || !context.socket_path[0])
-        context.socket_path = "/run/lightstaged/socket";
+    struct ls_command_context context = {0};
+    ls_command_defaults(&context);
     for (int option; (option = getopt_long(argc, argv, "+", options, NULL)) != -1;) {
+        if (ls_command_take_option(&context, option, optarg))
+            continue;
         switch (option) {
         case 'v':
             puts("lightstagectl " LS_VERSION);
@@ -96,12 +101,6 @@ static int command_line(int argc, char **argv)
         case LS_OPTION_HELP:
             print_help(stdout);
             return LS_EXIT_OK;
-        case LS_OPTION_SOCKET:
-            context.socket_path = optarg;
-            break;
-        case LS_OPTION_JSON:
-            context.json = true;
-            break;
         default:
             print_help(stderr);
             return LS_EXIT_USAGE;

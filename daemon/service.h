@@ -25,7 +25,6 @@ struct ls_service {
     GList *sessions;            /* struct ls_session */
     unsigned n_sessions;
     uint64_t stalled_closed, events_skipped, pictures_skipped, credit_waits;
-    uint64_t refused; /* who came without the right to */
     guint looking;    /* live.h: source, 0 = nobody looks */
 };
 

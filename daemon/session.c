@@ -278,7 +278,6 @@ static struct ls_session *session_create(struct ls_service *service, struct ls_t
 
 static void turn_away(struct ls_session *session, uint32_t number, const char *text)
 {
-    session->service->refused += number == LS_PROTO_NOT_ALLOWED;
     ls_session_hold(session);
     refuse(session, 0, number, text);
     ls_traffic_write_now(&session->traffic);
