@@ -1,4 +1,5 @@
 #include "core/rgbe.h"
+#include "tests/core/memory_wall.h"
 #include "tests/core/shared_data.h"
 
 #include <glib.h>
@@ -210,8 +211,52 @@ static void test_environments(void)
     }
 }
 
+/* A cut file is refused; one with a few other bytes is refused or read, and then it is light. */
+static void damage(GRand *rand, const GByteArray *whole)
+{
+    struct ls_image image;
+    struct ls_diag diag = {0};
+    GByteArray *file = g_byte_array_new();
+    g_byte_array_append(file, whole->data, (guint)g_rand_int_range(rand, 1, (gint32)whole->len));
+    g_assert_cmpint(read_file(file, &image, &diag), ==, LS_ERR_INVALID);
+    g_assert_cmpstr(diag.text, !=, "");
+    g_byte_array_set_size(file, 0);
+    g_byte_array_append(file, whole->data, whole->len);
+    for (int flips = g_rand_int_range(rand, 1, 4); flips; flips--)
+        file->data[g_rand_int_range(rand, 0, (gint32)(flips % 2 ? whole->len : 200))] =
+            (guint8)g_rand_int(rand);
+    diag = (struct ls_diag){0};
+    enum ls_err err = read_file(file, &image, &diag);
+    g_assert_true(!err == !*diag.text);
+    size_t samples = err ? 0 : (size_t)image.width * image.height * 3;
+    for (size_t k = 0; k < samples; k++)
+        g_assert_true(isfinite(image.pixels[k]) && image.pixels[k] >= 0);
+    if (!err)
+        ls_image_finish(&image);
+    g_byte_array_unref(file);
+}
+
+static void test_damaged_environments(void)
+{
+    guint32 seed = g_test_rand_int();
+    char *path = shared_data("environments/park.hdr"), *contents;
+    gsize n;
+    if (!path)
+        return;
+    GRand *rand = g_rand_new_with_seed(seed);
+    g_test_message("seed %u", seed);
+    g_assert_true(g_file_get_contents(path, &contents, &n, NULL));
+    GByteArray *whole = g_byte_array_new_take((guint8 *)contents, n);
+    for (int k = 0; k < 20; k++)
+        damage(rand, whole);
+    g_byte_array_unref(whole);
+    g_rand_free(rand);
+    g_free(path);
+}
+
 int main(int argc, char **argv)
 {
+    memory_wall();
     g_test_init(&argc, &argv, NULL);
     g_test_add_func("/rgbe/eight-orientations-come-out-upright", test_orientations);
     g_test_add_func("/rgbe/exposure-and-known-headers-are-honoured", test_exposure);
@@ -219,5 +264,7 @@ int main(int argc, char **argv)
     g_test_add_func("/rgbe/old-and-new-runs-say-the-same", test_runs);
     g_test_add_func("/rgbe/random-damage-never-crashes", test_random_damage);
     g_test_add_func("/rgbe/measured-environments-load", test_environments);
+    g_test_add_func("/rgbe/a-measured-environment-cut-or-damaged-is-refused-or-read",
+                    test_damaged_environments);
     return g_test_run();
 }
