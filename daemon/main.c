@@ -122,10 +122,13 @@ static gboolean on_signal(gpointer user)
     return G_SOURCE_CONTINUE;
 }
 
-static enum ls_err prepare_storage(const char *path, struct ls_diag *diag)
+/* @make: where there is none. */
+static enum ls_err prepare_storage(const char *path, bool make, struct ls_diag *diag)
 {
     struct stat info;
-    if ((mkdir(path, 0777) && errno != EEXIST) || stat(path, &info))
+    if (!make && access(path, F_OK) && errno == ENOENT)
+        return LS_OK; /* made at the start */
+    if ((make && mkdir(path, 0777) && errno != EEXIST) || stat(path, &info))
         return ls_fail(diag, LS_ERR_OS, "storage folder %s: %m", path);
     if (!S_ISDIR(info.st_mode))
         return ls_fail(diag, LS_ERR_INVALID, "storage folder %s: it is no folder", path);
@@ -142,7 +145,7 @@ static enum ls_err prepare(struct daemon *d, const struct options *o, struct ls_
     if (!err)
         err = ls_arrivals_check(&d->config->listen, diag);
     if (!err)
-        err = prepare_storage(d->config->storage, diag);
+        err = prepare_storage(d->config->storage, !o->check, diag);
     return err ? err : ls_engine_create(d->config, on_take, d, &d->engine, diag);
 }
 

@@ -147,6 +147,12 @@ static void handle_take_show(const struct ls_call *call)
 static void handle_take_verify(const struct ls_call *call)
 {
     const Lightstage__TakeVerify *verify = (const Lightstage__TakeVerify *)call->message;
+    const struct ls_take_status *take = &ls_session_service(call->session)->take;
+    if (take->id[0] && !ls_take_ended(take) && strcmp(take->id, verify->take) == 0) {
+        ls_session_error(call->session, call->id, LS_PROTO_BUSY,
+                         "this take is running; verify it when it has ended");
+        return;
+    }
     ls_session_run(call->session,
                    ls_take_verify_job(call->id, ls_session_service(call->session)->config.storage,
                                       verify->take));

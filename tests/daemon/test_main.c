@@ -63,8 +63,8 @@ static void expect(const struct folder *f, const char *line, int code, const cha
     char *words[] = {(char *)"/bin/sh", (char *)"-c", NULL, NULL};
     int status = 0;
     words[2] = g_strdup_printf("exec %s %s", g_getenv("LIGHTSTAGED"), line);
-    g_assert_true(g_spawn_sync(f->path, words, NULL, G_SPAWN_DEFAULT, NULL, NULL, &out, &err,
-                               &status, NULL));
+    g_assert_true(
+        g_spawn_sync(f->path, words, NULL, G_SPAWN_DEFAULT, NULL, NULL, &out, &err, &status, NULL));
     g_assert_true(WIFEXITED(status));
     g_test_message("%s -> %d %s%s", line, WEXITSTATUS(status), out, err);
     g_assert_cmpint(WEXITSTATUS(status), ==, code);
@@ -109,6 +109,16 @@ static void check_refuses_a_socket_path_no_address_can_hold(struct folder *f, gc
     expect(f, "--check --config daemon.conf", 0, "good");
 }
 
+static void check_leaves_the_disk_as_it_was(struct folder *f, gconstpointer unused)
+{
+    char *takes = g_build_filename(f->path, "takes", NULL);
+    expect(f, "--check --config daemon.conf", 0, "good");
+    g_assert_false(g_file_test(takes, G_FILE_TEST_EXISTS));
+    write_file(f, "takes", "");
+    expect(f, "--check --config daemon.conf", 1, "takes: it is no folder");
+    g_free(takes);
+}
+
 static void a_storage_that_takes_no_takes_is_refused(struct folder *f, gconstpointer unused)
 {
     char *takes = g_build_filename(f->path, "takes", NULL);
@@ -151,6 +161,7 @@ int main(int argc, char **argv)
     ADD("a-damaged-calibration-is-named", a_damaged_calibration_is_named);
     ADD("check-refuses-a-socket-path-no-address-can-hold",
         check_refuses_a_socket_path_no_address_can_hold);
+    ADD("check-leaves-the-disk-as-it-was", check_leaves_the_disk_as_it_was);
     ADD("a-storage-that-takes-no-takes-is-refused", a_storage_that_takes_no_takes_is_refused);
     ADD("a-descriptor-that-is-no-number-is-refused", a_descriptor_that_is_no_number_is_refused);
     ADD("an-answer-nobody-can-read-is-no-success", an_answer_nobody_can_read_is_no_success);

@@ -231,6 +231,23 @@ static void unknown_takes_are_not_found(struct stage *stage, gconstpointer data)
     ls_connection_close(client);
 }
 
+static void a_running_take_is_not_verified(struct stage *stage, gconstpointer data)
+{
+    struct ls_connection *client = a_client(stage);
+    Lightstage__TakeStart start = LIGHTSTAGE__TAKE_START__INIT;
+    Lightstage__TakeVerify verify = LIGHTSTAGE__TAKE_VERIFY__INIT;
+    struct ls_reply reply;
+    start.name = (char *)"vase";
+    start.token = (char *)"token";
+    g_assert_cmpuint(ask(client, LS_MESSAGE_TAKE_START, &start.base, plan, &reply), ==, 0);
+    verify.take = g_strdup(((const Lightstage__TakeStartReply *)reply.message)->take->id);
+    ls_reply_finish(&reply);
+    g_assert_cmpuint(ask(client, LS_MESSAGE_TAKE_VERIFY, &verify.base, NULL, NULL), ==,
+                     LS_PROTO_BUSY);
+    g_free(verify.take);
+    ls_connection_close(client);
+}
+
 static void a_socket_in_use_is_refused_with_a_sentence(struct stage *stage, gconstpointer data)
 {
     struct ls_server *second = NULL;
@@ -306,6 +323,7 @@ int main(int argc, char **argv)
         a_request_that_waits_for_devices_holds_nobody);
     ADD("abort-resume-and-blank-reach-the-engine", abort_resume_and_blank_reach_the_engine);
     ADD("cancel-ends-a-subscription", cancel_ends_a_subscription);
+    ADD("a-running-take-is-not-verified", a_running_take_is_not_verified);
     ADD("unknown-takes-are-not-found", unknown_takes_are_not_found);
     ADD("a-socket-in-use-is-refused-with-a-sentence", a_socket_in_use_is_refused_with_a_sentence);
     ADD_OWN("a-stale-socket-is-taken-over", a_stale_socket_is_taken_over);
