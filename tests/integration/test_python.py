@@ -105,6 +105,21 @@ def test_tiles_come_once_and_again_only_if_they_have_changed(folder):
     stage.close()
 
 
+def test_a_factored_fetch_expands_to_what_the_daemon_sends_as_halves(folder):
+    rig, stage, take = photographed(folder)
+    how = {"region": (3, 7, 111, 90), "model": "sphere"}
+    factored = stage.fetch_factored(take, ["R", "B"], lights=[2, 0, 7], **how)
+    assert factored.lights == [2, 0, 7] and list(factored.ratios) == ["R", "B"]
+    for spectrum in ("R", "B"):
+        field = stage.fetch(take, spectrum, lights=[2, 0, 7], layout="rgb", dtype="float16", **how)
+        for k, pixels in enumerate(field.pixels):
+            assert pixels.max() > 0
+            assert np.array_equal(factored.picture(k, spectrum).view("u2"), pixels.view("u2"))
+    one = stage.fetch_factored(take, ["R"], lights=[0])  # number 0 is a ratio, and a light
+    assert one.lights == [0] and list(one.ratios) == ["R"]
+    stage.close()
+
+
 def test_relit_pictures_are_those_of_lightstagectl_to_the_bit(folder):
     rig, stage, take = photographed(folder)
     dice = np.random.default_rng(1)

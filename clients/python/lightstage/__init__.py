@@ -11,11 +11,12 @@
 """
 from . import lightstage_pb2 as messages
 from .errors import Error, Lost, Number, Refused
+from .factored import Factored
 from .field import Field, Picture
 from .pictures import write_pfm, write_png
 from .relit import Relit
 from .stage import Preview, Rig, Stage, connect
 from .tiles import Shared, Tiles
 
-__all__ = ["Error", "Field", "Lost", "Number", "Picture", "Preview", "Refused", "Relit", "Rig",
+__all__ = ["Error", "Factored", "Field", "Lost", "Number", "Picture", "Preview", "Refused", "Relit", "Rig",
            "Shared", "Stage", "Tiles", "connect", "messages", "write_pfm", "write_png"]

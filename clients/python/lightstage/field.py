@@ -21,6 +21,8 @@ class Picture:
     calibrated: bool
     reference_exposure_s: float
     spectrum: Optional[messages.SpectrumReport]  # how it was promoted
+    factor: int  # messages.Factor: WHOLE, or of a factored fetch RATIO or WHITE
+    gain: float  # of WHITE: what expand() multiplies it by beside the ratio
     variance: Optional[Array] = None  # float32 [height][width]
     validity: Optional[Array] = None  # uint8 [height][width], messages.Validity
 
@@ -74,7 +76,7 @@ class Bands:
     def __init__(self, n: Optional[int] = None, out: Optional[Array] = None):
         self.n, self.out = n, out
         self.whole: Dict[str, Array] = {}
-        self.light: Optional[int] = None
+        self.which: Optional[Tuple[int, int]] = None
         self.count = 0
         self.now: Dict[str, Array] = {}
 
@@ -95,10 +97,10 @@ class Bands:
             if name not in self.whole:
                 self.whole[name] = room(out, (self.n, *shape), dtype)
             now[name] = self.whole[name][self.count]
-        self.now, self.light, self.count = now, reply.light, self.count + 1
+        self.now, self.which, self.count = now, (reply.factor, reply.light), self.count + 1
 
     def room(self, reply: messages.FetchReply, n_bytes: int) -> List[memoryview]:
-        if reply.light != self.light:
+        if (reply.factor, reply.light) != self.which:
             if self.n is not None and self.count == self.n:
                 raise Error(f"the daemon sent more than the {self.n} pictures asked for")
             self._next(reply)
@@ -116,4 +118,5 @@ class Bands:
                 yield Picture(first.light, gain_k=first.gain_k, calibrated=first.calibrated,
                               reference_exposure_s=first.reference_exposure_s,
                               spectrum=first.spectrum if first.HasField("spectrum") else None,
+                              factor=first.factor, gain=first.gain,
                               **arrays)

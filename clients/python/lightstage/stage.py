@@ -10,6 +10,7 @@ from . import connection as wire
 from . import lightstage_pb2 as messages
 from .arrays import Array, light_numbers
 from .connection import Connection, open_socket, tls_context
+from .factored import Factored, gather
 from .field import Bands, Field, Picture, number, region_message, sample_of
 from .relit import Canvas, Relit, Weights, rows_of
 from .tiles import Shared, Tiles, shared_pictures
@@ -215,6 +216,18 @@ class Stage:
         with self._connection.request(wire.FETCH, ask, room=bands.room) as request:
             pictures = list(bands.pictures(request))
         return Field(bands.whole["pixels"][:len(pictures)], pictures)
+
+    def fetch_factored(self, take: str, spectra: Sequence[str], *,
+                       lights: Optional[Iterable[int]] = None,
+                       region: Optional[Sequence[int]] = None, model: Any = "sphere",
+                       **others: Any) -> Factored:
+        """What lights under these spectra are made of, by "sphere" or "headlight": N lights under S
+        spectra in N + S pictures."""
+        ask = self._fetch(take, "", light_numbers(lights), region, model, "rgb", "reflectance",
+                          np.float16, factored=True, spectra=spectra, **others)
+        bands = Bands()
+        with self._connection.request(wire.FETCH, ask, room=bands.room) as request:
+            return gather(list(bands.pictures(request)))
 
     def _most(self, ask: messages.Fetch) -> int:
         """Pictures that may come."""
