@@ -2,8 +2,11 @@
 """The Python package on a simulated stage: what lightstagectl gets, bit for bit."""
 import json
 import os
+import random
+import signal
 import subprocess
 import sys
+import time
 
 import numpy as np
 
@@ -120,6 +123,92 @@ def test_a_factored_fetch_expands_to_what_the_daemon_sends_as_halves(folder):
     stage.close()
 
 
+LISTEN = """listen = { port = 0; certificate = "pki/server.pem"; key = "pki/server.key";
+                            authority = "pki/authority.pem"; operators = ["operator"];
+                            readers = ["reader"]; };"""
+
+
+def over_tls(rig, name, ours="pki", theirs="pki"):
+    """A connection with our certificate of one authority, to a daemon whom another should vouch for."""
+    return lightstage.connect(
+        f"tls://{rig.daemon.ready['tls']}", certificate=rig.path(f"{ours}/{name}.pem"), timeout=60,
+        key=rig.path(f"{ours}/{name}.key"), authority=rig.path(f"{theirs}/authority.pem"))
+
+
+class Interrupted(Exception):
+    pass
+
+
+def interrupt(*_):
+    raise Interrupted
+
+
+def interrupted_fetches(stage, take, expected, seconds=2):
+    """At random moments; what is fetched after each is right."""
+    seed = int(os.environ.get("LS_TEST_SEED", time.time()))
+    dice, hit, took, end = random.Random(seed), 0, 0, time.monotonic() + seconds
+    before = signal.signal(signal.SIGALRM, interrupt)
+    try:
+        while time.monotonic() < end:
+            try:
+                signal.setitimer(signal.ITIMER_REAL, 1e-5 + dice.uniform(0, took))
+                stage.fetch(take, "W")
+                signal.setitimer(signal.ITIMER_REAL, 0)
+            except Interrupted:
+                hit += 1
+            began = time.monotonic()
+            assert np.array_equal(stage.fetch(take, "W").pixels, expected), f"seed {seed}"
+            took = time.monotonic() - began
+    finally:
+        signal.setitimer(signal.ITIMER_REAL, 0)
+        signal.signal(signal.SIGALRM, before)
+    print(f"# seed {seed}: interrupted {hit} times")
+    assert hit >= 5, hit
+
+
+def test_over_tls_come_the_same_bits_and_nobody_else_is_let_in(folder):
+    rig = harness.twelve(folder, daemon_extra=LISTEN)
+    for name in ("pki", "others"):
+        rig.control("pki", "init", rig.path(name))
+    take = rig.start().start_take("vase", harness.PLAN)
+    local, far = lightstage.connect(rig.path("socket")), over_tls(rig, "reader")
+    for asked in ({"channel": "W"}, {"channel": "W", "region": (10, 21, 70, 65), "lights": [4, 1]},
+                  {"channel": "R", "model": "sphere", "layout": "rgb", "dtype": "float16"}):
+        expected, tiles = local.fetch(take, **asked).pixels, lightstage.Tiles()
+        assert np.array_equal(far.fetch(take, **asked).pixels, expected), asked
+        far.fetch_tiles(tiles, take, **asked)
+        assert np.array_equal(np.stack([tiles.picture(k) for k in range(len(expected))]), expected)
+    many = np.ones((20, 12), np.float32)  # weights and pictures, larger than a record
+    assert np.array_equal(far.relight(take, {"W": many, "R": many}).pixels,
+                          local.relight(take, {"W": many, "R": many}).pixels)
+    refused(110, lambda: far.start("mine", harness.PLAN))
+    refused(108, lambda: list(far.shared(take, "W")))
+    interrupted_fetches(far, take, local.fetch(take, "W").pixels)
+    interrupted_fetches(local, take, local.fetch(take, "W").pixels, seconds=1)
+    far.close()
+    over_tls(rig, "operator").preflight(harness.PLAN)
+    rig.control("pki", "add", rig.path("pki"), "stranger")
+    refused(110, lambda: over_tls(rig, "stranger"))  # of the authority, and in no list
+    for wrong, words in (({"ours": "others"}, "lost.*alert unknown ca"),
+                         ({"theirs": "others"}, "no lightstaged answers at tls://.*verify failed")):
+        try:
+            over_tls(rig, "operator", **wrong)
+        except lightstage.Lost as said:
+            takes.says(str(said), words)
+        else:
+            raise AssertionError("let in")
+    local.close()
+
+
+def refused(number, act):
+    try:
+        act()
+    except lightstage.Refused as wrong:
+        assert wrong.number == number and wrong.sentence, wrong
+    else:
+        raise AssertionError(f"not refused with {number}")
+
+
 def test_relit_pictures_are_those_of_lightstagectl_to_the_bit(folder):
     rig, stage, take = photographed(folder)
     dice = np.random.default_rng(1)
@@ -162,15 +251,9 @@ def test_a_take_is_looked_at_described_and_refused_in_python(folder):
     assert stage.status().lights.connected and stage.metrics().takes_complete == 1
     said = stage.rig()
     assert said.positions_m.shape == (12, 3) and [c.name for c in said.channels][0] == "W"
-    for number, act in ((202, lambda: stage.show("20200101T000000Z-no-abcdef")),
-                        (200, stage.abort),
-                        (107, lambda: stage.slate(take, timecode="noon"))):
-        try:
-            act()
-        except lightstage.Refused as wrong:
-            assert wrong.number == number and wrong.sentence, wrong
-        else:
-            raise AssertionError(f"not refused with {number}")
+    refused(202, lambda: stage.show("20200101T000000Z-no-abcdef"))
+    refused(200, stage.abort)
+    refused(107, lambda: stage.slate(take, timecode="noon"))
     stage.blank()
     begun = stage.start("again", takes.LONG)
     follow = stage.progress(begun.token)

@@ -15,6 +15,8 @@ HELLO, STATUS, RIG, PREFLIGHT, TAKE_START, TAKE_PROGRESS, TAKE_ABORT, TAKE_RESUM
     CREDIT, RING = range(1, 22)
 REPLY, ERROR = 0x8000, 0xffff
 DEFAULT_SOCKET = "/run/lightstaged/socket"
+DEFAULT_PORT = 7472
+CONNECT_SECONDS = 10.0  # for a daemon on another machine, where no timeout was asked for
 DISCARD_BYTES = 1 << 18
 
 ANSWERS: Dict[int, Any] = {
@@ -167,7 +169,7 @@ class Connection:
             self.link.flush()
             if not self.link.receive(self._place, self._queue):
                 self.link.wait()
-        except Lost:
+        except (Lost, Refused):  # what is refused here is the connection itself
             self.close()
             raise
 
@@ -185,7 +187,7 @@ class Connection:
         if head.kind == ERROR:
             error = messages.Error.FromString(message)
             if head.request == 0:
-                raise Lost(str(Refused(error.number, error.text)))
+                raise Refused(error.number, error.text)
             return self._discard(head.payload_bytes), (error, [])
         if request is None or request.abandoned:
             close_all(head.fds)
@@ -216,7 +218,7 @@ class Connection:
 
 def open_socket(address: str, context: Optional[ssl.SSLContext],
                 timeout: Optional[float]) -> socket.socket:
-    """A connected socket. `address`: a path, or tls://HOST:PORT."""
+    """A connected socket. `address`: a path, or tls://HOST[:PORT]."""
     if not address.startswith("tls://"):
         local = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
         local.settimeout(timeout)
@@ -227,10 +229,11 @@ def open_socket(address: str, context: Optional[ssl.SSLContext],
             raise Lost(f"no lightstaged answers at {address}: {wrong.strerror or wrong}") from wrong
         return local
     where = urlsplit(address)
-    if context is None or not where.hostname or not where.port:
-        raise ValueError(f"{address}: expected tls://HOST:PORT, and certificate, key and authority")
+    if context is None or not where.hostname:
+        raise ValueError(f"{address}: expected tls://HOST:PORT")
     try:
-        plain = socket.create_connection((where.hostname, where.port), timeout)
+        plain = socket.create_connection((where.hostname, where.port or DEFAULT_PORT),
+                                         timeout or CONNECT_SECONDS)
         try:
             return context.wrap_socket(plain, server_hostname=where.hostname)
         except BaseException:
@@ -240,8 +243,11 @@ def open_socket(address: str, context: Optional[ssl.SSLContext],
         raise Lost(f"no lightstaged answers at {address}: {wrong}") from wrong
 
 
-def tls_context(certificate: str, key: str, authority: str) -> ssl.SSLContext:
+def tls_context(certificate: Optional[str], key: Optional[str],
+                authority: Optional[str]) -> ssl.SSLContext:
     """Who we are, and whom we believe: nobody but this authority."""
+    if not certificate or not key or not authority:
+        raise ValueError("a daemon on another machine: certificate, key and authority are needed")
     context = ssl.SSLContext(ssl.PROTOCOL_TLS_CLIENT)
     context.minimum_version = ssl.TLSVersion.TLSv1_3
     context.load_verify_locations(authority)

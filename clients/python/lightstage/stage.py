@@ -36,16 +36,18 @@ def connect(address: Optional[str] = None, *, certificate: Optional[str] = None,
             timeout: Optional[float] = None) -> "Stage":
     """A connection to a daemon; use it in `with`, or close() it.
 
-    `address`: the path of its Unix socket, by default $LIGHTSTAGED_SOCKET, else
-    /run/lightstaged/socket; or tls://HOST:PORT, which needs the PEM files `certificate` and `key`
-    (who we are) and `authority` (who vouches for the daemon). `timeout`: seconds of silence after
-    which a call raises TimeoutError; None: it waits. Raises Lost where nobody answers, Refused where
-    the daemon will not have us."""
-    where = address or os.environ.get("LIGHTSTAGED_SOCKET") or wire.DEFAULT_SOCKET
-    files = (certificate, key, authority)
-    if any(files) and not all(files):
-        raise ValueError("certificate, key and authority belong together")
-    context = tls_context(certificate, key, authority) if certificate and key and authority else None
+    `address`: the path of its Unix socket; or tls://HOST[:PORT], which needs the PEM files
+    `certificate` and `key` (who we are) and `authority` (who vouches for the daemon). Without it the
+    environment says, as for lightstagectl: LIGHTSTAGED_SERVER, else LIGHTSTAGED_SOCKET, else
+    /run/lightstaged/socket; LIGHTSTAGED_CERTIFICATE, _KEY and _AUTHORITY name the files. `timeout`:
+    seconds of silence after which a call raises TimeoutError; None: it waits. Raises Lost where
+    nobody answers, Refused where the daemon will not have us."""
+    env = os.environ.get
+    where = (address or env("LIGHTSTAGED_SERVER") or env("LIGHTSTAGED_SOCKET")
+             or wire.DEFAULT_SOCKET)
+    files = (certificate or env("LIGHTSTAGED_CERTIFICATE"), key or env("LIGHTSTAGED_KEY"),
+             authority or env("LIGHTSTAGED_AUTHORITY"))
+    context = tls_context(*files) if where.startswith("tls://") else None
     return Stage(Connection(open_socket(where, context, timeout), timeout, NAME))
 
 
