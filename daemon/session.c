@@ -246,7 +246,7 @@ void ls_session_tick(struct ls_session *session, int64_t now_us)
     const struct ls_server_config *config = &session->service->config;
     if (ls_traffic_stalled(&session->traffic, now_us, config->stall_ms))
         close_stalled(session);
-    else if (!session->greeted && (now_us - session->traffic.read_us) / 1000 >= config->hello_ms)
+    else if (!session->greeted && (now_us - session->traffic.begun_us) / 1000 >= config->hello_ms)
         ls_session_close(session);
 }
 

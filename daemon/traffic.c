@@ -145,6 +145,8 @@ static void decode(struct ls_traffic *traffic)
         size_t used = 0;
         int complete = 0;
         struct ls_diag diag = {0};
+        if (!ls_frame_decoder_inside(&traffic->decoder))
+            traffic->begun_us = g_get_monotonic_time();
         enum ls_err err =
             ls_frame_decoder_feed(&traffic->decoder, traffic->in + traffic->in_used,
                                   traffic->in_fill - traffic->in_used, &used, &complete, &diag);
@@ -171,7 +173,6 @@ static void take_more(struct ls_traffic *traffic)
         return;
     traffic->in_used = 0;
     traffic->in_fill = n;
-    traffic->read_us = g_get_monotonic_time();
     decode(traffic);
     if (!ls_traffic_has_room(traffic))
         drop_source(&traffic->reading);
@@ -191,9 +192,11 @@ static gboolean on_readable(gint fd, GIOCondition condition, gpointer data)
 void ls_traffic_go_on(struct ls_traffic *traffic)
 {
     decode(traffic);
-    if (traffic->open && !traffic->reading && !traffic->deaf && ls_traffic_has_room(traffic))
-        traffic->reading = g_unix_fd_add(traffic->transport->fd, G_IO_IN | G_IO_HUP | G_IO_ERR,
-                                         on_readable, traffic);
+    if (!traffic->open || traffic->reading || traffic->deaf || !ls_traffic_has_room(traffic))
+        return;
+    traffic->begun_us = g_get_monotonic_time();
+    traffic->reading =
+        g_unix_fd_add(traffic->transport->fd, G_IO_IN | G_IO_HUP | G_IO_ERR, on_readable, traffic);
 }
 
 bool ls_traffic_stalled(const struct ls_traffic *traffic, int64_t now_us, unsigned ms)
@@ -202,7 +205,7 @@ bool ls_traffic_stalled(const struct ls_traffic *traffic, int64_t now_us, unsign
     if (ls_traffic_waiting(traffic) > 0 && (now_us - wrote_us) / 1000 >= ms)
         return true;
     return traffic->reading && ls_frame_decoder_inside(&traffic->decoder) &&
-           (now_us - traffic->read_us) / 1000 >= ms;
+           (now_us - traffic->begun_us) / 1000 >= ms;
 }
 
 /* ---- life ---- */
@@ -214,7 +217,7 @@ void ls_traffic_init(struct ls_traffic *traffic, struct ls_transport *transport,
     *traffic = (struct ls_traffic){.ops = ops, .user = user, .pool = pool, .transport = transport};
     traffic->flush.ops = &flush_ops;
     traffic->open = true;
-    traffic->read_us = traffic->wrote_us = g_get_monotonic_time();
+    traffic->begun_us = traffic->wrote_us = g_get_monotonic_time();
     traffic->in = g_malloc(READ_BYTES);
     ls_frame_decoder_init(&traffic->decoder, max_payload);
     ls_outbox_init(&traffic->outbox);

@@ -46,7 +46,7 @@ struct ls_traffic {
     guint reading, writing; /* sources, 0 = none */
     int wanted;             /* atomic: ls-main waits to write */
     int64_t wrote_us;       /* atomic: last time bytes moved out */
-    int64_t read_us;        /* in */
+    int64_t begun_us;       /* the frame under way, or the wait for one */
     uint8_t *in;            /* [in_used, in_fill) is still to be decoded */
     size_t in_used, in_fill;
 };
@@ -83,7 +83,7 @@ void ls_traffic_last_words(struct ls_traffic *traffic);
 /** Write what the socket takes now, here (at the end of everything). */
 void ls_traffic_write_now(struct ls_traffic *traffic);
 
-/** Nothing moved for @ms though something should. */
+/** Nothing was taken for @ms though something waits, or the frame under way began @ms ago. */
 bool ls_traffic_stalled(const struct ls_traffic *traffic, int64_t now_us, unsigned ms);
 
 /** Hang up. The descriptor stays until ls_traffic_finish. */

@@ -174,6 +174,48 @@ static void silent_and_half_spoken_clients_are_closed(struct stage *stage, gcons
     close(half);
 }
 
+/* Bytes of an endless request until the daemon hangs up; whether it did within five seconds. */
+static bool drips_until_closed(int fd)
+{
+    uint8_t byte = 0;
+    gint64 until = g_get_monotonic_time() + 5 * G_USEC_PER_SEC;
+    while (g_get_monotonic_time() < until) {
+        if (send(fd, &byte, 1, MSG_NOSIGNAL) < 0)
+            return true;
+        g_usleep(10000); /* a fifth of what a silent client is given */
+    }
+    return false;
+}
+
+/* A byte now and then is no progress: it would hold a connection for hours. */
+static void a_request_that_drips_is_not_waited_for(struct stage *stage, gconstpointer data)
+{
+    Lightstage__Preflight body = LIGHTSTAGE__PREFLIGHT__INIT;
+    struct ls_frame_header endless = {.version = LS_FRAME_VERSION,
+                                      .type = LS_MESSAGE_HELLO,
+                                      .request = 1,
+                                      .message_bytes = LS_FRAME_MAX_MESSAGE};
+    uint8_t head[LS_FRAME_HEADER_BYTES], *frame = NULL;
+    size_t n;
+    stage_init(stage);
+    stage->limits.hello_ms = 50;
+    stage->limits.stall_ms = 50;
+    stage_open(stage);
+    int stranger = a_bare_socket(stage);
+    ls_frame_put(&endless, head);
+    g_assert_cmpint(send(stranger, head, sizeof head, MSG_NOSIGNAL), ==, sizeof head);
+    g_assert_true(drips_until_closed(stranger));
+    size_t n_frame = request_bytes(LS_MESSAGE_PREFLIGHT, 2, &body.base, 1024 * 1024, &frame);
+    uint8_t *bytes = hello_then(frame, n_frame, &n);
+    int greeted = a_bare_socket(stage);
+    g_assert_cmpint(send(greeted, bytes, n, MSG_NOSIGNAL), ==, (gssize)n);
+    g_assert_true(drips_until_closed(greeted));
+    close(stranger);
+    close(greeted);
+    free(bytes);
+    free(frame);
+}
+
 /* Asks for the rig for ever and never reads: memory stays bounded, others are served. */
 static void a_client_that_never_reads_is_counted_and_closed(struct stage *stage, gconstpointer data)
 {
@@ -217,6 +259,7 @@ int main(int argc, char **argv)
     ADD("disconnecting-anywhere-does-no-harm", disconnecting_anywhere_does_no_harm);
     ADD_OWN("too-many-clients-are-turned-away", too_many_clients_are_turned_away);
     ADD_OWN("silent-and-half-spoken-clients-are-closed", silent_and_half_spoken_clients_are_closed);
+    ADD_OWN("a-request-that-drips-is-not-waited-for", a_request_that_drips_is_not_waited_for);
     ADD_OWN("a-client-that-never-reads-is-counted-and-closed",
             a_client_that_never_reads_is_counted_and_closed);
     return g_test_run();
