@@ -5,6 +5,7 @@
 #include "daemon/findings.h"
 #include "daemon/realtime.h"
 #include "daemon/takedir.h"
+#include "daemon/preview.h"
 
 #include <stdio.h>
 #include <stdlib.h>
@@ -251,8 +252,10 @@ void ls_capture_destroy(struct ls_capture *capture)
     for (uint32_t i = 0; i < LS_MAX_CAMERAS; i++)
         ls_camera_thread_destroy(capture->threads[i]);
     ls_merge_stage_destroy(capture->merge);
-    for (uint32_t i = 0; i < LS_MAX_CAMERAS; i++)
+    for (uint32_t i = 0; i < LS_MAX_CAMERAS; i++) {
+        ls_preview_set_ring(capture->setup.preview, i, NULL, NULL);
         ls_ring_destroy(capture->rings[i]);
+    }
     sem_destroy(&capture->heard);
     ls_pass_finish(&capture->pass);
     if (capture->rate)

@@ -1,6 +1,7 @@
 #include "daemon/capture_private.h"
 
 #include "daemon/credit.h"
+#include "daemon/preview.h"
 
 #include <math.h>
 
@@ -115,6 +116,7 @@ enum ls_err ls_capture_make_rings(struct ls_capture *c, struct ls_diag *diag)
         enum ls_err err = ls_ring_create(slots_of(c, i), info->payload_bytes, &c->rings[i], diag);
         if (err)
             return err;
+        ls_preview_set_ring(c->setup.preview, i, c->rings[i], info);
         c->warm_up.cameras[i].ring = c->rings[i];
         c->sequencer.cameras[i].ring = c->rings[i];
     }

@@ -1,6 +1,8 @@
 #include "daemon/preview.h"
 
+#include <pthread.h>
 #include <stdatomic.h>
+#include <stdio.h>
 #include <stdlib.h>
 
 enum state { IDLE, WANTED, FILLING, READY, TAKEN };
@@ -13,13 +15,20 @@ struct tap {
 struct ls_preview {
     const struct ls_config *config;
     struct tap taps[LS_MAX_CAMERAS];
+    pthread_mutex_t lock; /* of the rings */
+    struct {
+        const struct ls_ring *ring;
+        struct ls_ring_view view; /* but for fd */
+    } rings[LS_MAX_CAMERAS];
 };
 
 struct ls_preview *ls_preview_create(const struct ls_config *config)
 {
     struct ls_preview *preview = calloc(1, sizeof *preview);
-    if (preview)
-        preview->config = config;
+    if (!preview)
+        return NULL;
+    preview->config = config;
+    pthread_mutex_init(&preview->lock, NULL);
     return preview;
 }
 
@@ -74,7 +83,48 @@ const struct ls_preview_picture *ls_preview_take(struct ls_preview *preview, uin
     return pass(tap, READY, TAKEN) ? &tap->picture : NULL;
 }
 
+static struct ls_ring_view view_of(const struct ls_ring *ring, const struct ls_camera_info *info)
+{
+    const struct ls_camera_slots slots = ls_ring_slots(ring);
+    struct ls_ring_view view = {.slots = slots.n,
+                                .stride = slots.stride,
+                                .payload_bytes = ls_ring_payload_bytes(ring),
+                                .index_at = ls_ring_index_at(ring),
+                                .bytes = ls_ring_bytes(ring),
+                                .width = info->width,
+                                .height = info->height};
+    snprintf(view.pixel_format, sizeof view.pixel_format, "%s", info->pixel_format);
+    return view;
+}
+
+void ls_preview_set_ring(struct ls_preview *preview, uint32_t camera, const struct ls_ring *ring,
+                         const struct ls_camera_info *info)
+{
+    if (!preview)
+        return;
+    pthread_mutex_lock(&preview->lock);
+    preview->rings[camera].ring = ring;
+    if (ring)
+        preview->rings[camera].view = view_of(ring, info);
+    pthread_mutex_unlock(&preview->lock);
+}
+
+enum ls_err ls_preview_ring(struct ls_preview *preview, uint32_t camera, struct ls_ring_view *out,
+                            struct ls_diag *diag)
+{
+    pthread_mutex_lock(&preview->lock);
+    const struct ls_ring *ring = preview->rings[camera].ring;
+    *out = preview->rings[camera].view;
+    enum ls_err err = ring ? ls_ring_share(ring, &out->fd, diag)
+                           : ls_fail(diag, LS_ERR_STATE,
+                                     "no frames land now: a camera has a ring while a take runs");
+    pthread_mutex_unlock(&preview->lock);
+    return err;
+}
+
 void ls_preview_destroy(struct ls_preview *preview)
 {
+    if (preview)
+        pthread_mutex_destroy(&preview->lock);
     free(preview);
 }

@@ -14,6 +14,7 @@
 
 #include "core/preview.h"
 #include "daemon/config.h"
+#include "daemon/ring.h"
 
 enum { LS_PREVIEW_MOST_PX = 512 /* pixels of a picture in a row and a column */ };
 
@@ -41,6 +42,24 @@ void ls_preview_offer(struct ls_preview *preview, uint32_t camera,
 
 /** The picture that was wanted, or NULL: not there yet. (transfer none), until the next want. */
 const struct ls_preview_picture *ls_preview_take(struct ls_preview *preview, uint32_t camera);
+
+/** Frames of @camera land in @ring from now on, as @info says; NULL: no more, before it is
+ * destroyed. Any thread but ls-seq and ls-cam. @preview may be NULL. */
+void ls_preview_set_ring(struct ls_preview *preview, uint32_t camera, const struct ls_ring *ring,
+                         const struct ls_camera_info *info);
+
+/** What is needed to look at a ring. */
+struct ls_ring_view {
+    int fd; /* (transfer full), close */
+    uint32_t slots;
+    uint64_t stride, payload_bytes, index_at, bytes;
+    uint32_t width, height;
+    char pixel_format[32];
+};
+
+/** The ring of @camera. LS_ERR_STATE: there is none now; LS_ERR_OS. ls-main. */
+LS_MUST_CHECK enum ls_err ls_preview_ring(struct ls_preview *preview, uint32_t camera,
+                                          struct ls_ring_view *out, struct ls_diag *diag);
 
 /** NULL is allowed. */
 void ls_preview_destroy(struct ls_preview *preview);

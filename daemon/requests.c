@@ -259,6 +259,39 @@ static void handle_preview(const struct ls_call *call)
     ls_live_begin(service);
 }
 
+static void handle_ring(const struct ls_call *call)
+{
+    const Lightstage__Ring *in = (const Lightstage__Ring *)call->message;
+    Lightstage__RingReply body = LIGHTSTAGE__RING_REPLY__INIT;
+    struct ls_service *service = ls_session_service(call->session);
+    struct ls_ring_view view;
+    struct ls_diag diag = {0};
+    if (in->camera >= ls_engine_config(service->engine)->n_cameras) {
+        bad_argument(call, "no such camera; see rig");
+        return;
+    }
+    enum ls_err err =
+        ls_session_passes_fds(call->session)
+            ? ls_preview_ring(ls_engine_preview(service->engine), in->camera, &view, &diag)
+            : ls_fail(&diag, LS_ERR_UNSUPPORTED,
+                      "a ring is handed over on a Unix socket only; ask for a preview");
+    if (err) {
+        fail(call, err, LS_PROTO_ABOUT_REQUEST, &diag);
+        return;
+    }
+    body.take = service->take.id;
+    body.slots = view.slots;
+    body.stride = view.stride;
+    body.payload_bytes = view.payload_bytes;
+    body.index_at = view.index_at;
+    body.bytes = view.bytes;
+    body.width = view.width;
+    body.height = view.height;
+    body.pixel_format = view.pixel_format;
+    ls_session_reply_fd(call->session, call->id, call->type | LS_MESSAGE_REPLY, &body.base,
+                        view.fd);
+}
+
 /* ---- the rest ---- */
 
 static void handle_credit(const struct ls_call *call)
@@ -317,6 +350,7 @@ static const struct {
     {LS_MESSAGE_BLANK, ls_handle_blank, always},
     {LS_MESSAGE_CANCEL, handle_cancel, NULL},
     {LS_MESSAGE_CREDIT, handle_credit, NULL},
+    {LS_MESSAGE_RING, handle_ring, always},
 };
 
 static void turn_down(const struct ls_call *call)

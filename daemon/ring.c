@@ -2,7 +2,7 @@
 
 #include <errno.h>
 #include <fcntl.h>
-#include <stdatomic.h>
+
 #include <stdlib.h>
 #include <string.h>
 #include <sys/mman.h>
@@ -16,6 +16,7 @@ struct ls_ring {
     int fd;
     unsigned char *base;
     size_t stride, bytes;
+    struct ls_ring_index *index; /* in the memfd, behind the slots */
     uint32_t n;
     _Atomic uint32_t queued;
     _Atomic unsigned char *state; /* enum slot_state per slot */
@@ -23,7 +24,7 @@ struct ls_ring {
 
 static enum ls_err map(struct ls_ring *ring, struct ls_diag *diag)
 {
-    ring->fd = memfd_create("lightstaged-ring", MFD_CLOEXEC);
+    ring->fd = memfd_create("lightstaged-ring", MFD_CLOEXEC | MFD_ALLOW_SEALING);
     if (ring->fd < 0)
         return ls_fail(diag, LS_ERR_OS, "ring: memfd_create: %s", strerror(errno));
     int err = posix_fallocate(ring->fd, 0, (off_t)ring->bytes);
@@ -38,7 +39,21 @@ static enum ls_err map(struct ls_ring *ring, struct ls_diag *diag)
                        strerror(errno));
     ring->base = base;
     (void)mlock(base, ring->bytes); /* without the privilege it stays pageable */
+    if (fcntl(ring->fd, F_ADD_SEALS,
+              F_SEAL_FUTURE_WRITE | F_SEAL_SHRINK | F_SEAL_GROW | F_SEAL_SEAL))
+        return ls_fail(diag, LS_ERR_OS, "ring: cannot be sealed: %s", strerror(errno));
     return LS_OK;
+}
+
+static void write_index(struct ls_ring *ring, size_t payload_bytes)
+{
+    ring->index = (struct ls_ring_index *)(void *)(ring->base + ls_ring_index_at(ring));
+    memcpy(ring->index->magic, "LSRING 1", sizeof ring->index->magic);
+    ring->index->n_slots = ring->n;
+    ring->index->stride = ring->stride;
+    ring->index->payload_bytes = payload_bytes;
+    for (uint32_t i = 0; i < ring->n; i++)
+        atomic_store(&ring->index->entry[i].change, 1);
 }
 
 enum ls_err ls_ring_create(uint32_t n_slots, size_t payload_bytes, struct ls_ring **out,
@@ -56,13 +71,15 @@ enum ls_err ls_ring_create(uint32_t n_slots, size_t payload_bytes, struct ls_rin
     ring->fd = -1;
     ring->n = n_slots;
     ring->stride = (payload_bytes + page - 1) / page * page;
-    ring->bytes = ring->stride * n_slots;
+    size_t index = sizeof *ring->index + n_slots * sizeof *ring->index->entry;
+    ring->bytes = ring->stride * n_slots + (index + page - 1) / page * page;
     ring->state = calloc(n_slots, sizeof *ring->state);
     enum ls_err err = ring->state ? map(ring, diag) : LS_ERR_NOMEM;
     if (err) {
         ls_ring_destroy(ring);
         return err;
     }
+    write_index(ring, payload_bytes);
     *out = ring;
     return LS_OK;
 }
@@ -77,10 +94,49 @@ const void *ls_ring_payload(const struct ls_ring *ring, uint32_t slot)
     return ring->base + ring->stride * slot;
 }
 
+uint64_t ls_ring_index_at(const struct ls_ring *ring)
+{
+    return ring->stride * ring->n;
+}
+
+uint64_t ls_ring_payload_bytes(const struct ls_ring *ring)
+{
+    return ring->index->payload_bytes;
+}
+
+uint64_t ls_ring_bytes(const struct ls_ring *ring)
+{
+    return ring->bytes;
+}
+
+enum ls_err ls_ring_share(const struct ls_ring *ring, int *fd, struct ls_diag *diag)
+{
+    *fd = fcntl(ring->fd, F_DUPFD_CLOEXEC, 0);
+    return *fd < 0 ? ls_fail(diag, LS_ERR_OS, "ring: dup: %s", strerror(errno)) : LS_OK;
+}
+
+/* A frame is there: even; the driver may write: odd. */
+static void say_changed(struct ls_ring *ring, uint32_t slot, bool there)
+{
+    struct ls_ring_entry *entry = &ring->index->entry[slot];
+    if ((atomic_load(&entry->change) % 2 == 0) == there)
+        return;
+    if (there) {
+        uint64_t number = atomic_load(&ring->index->landed) + 1;
+        atomic_store(&entry->number, number);
+        atomic_fetch_add(&entry->change, 1);
+        atomic_store(&ring->index->landed, number);
+    } else {
+        atomic_fetch_add(&entry->change, 1);
+    }
+}
+
 void ls_ring_queue(struct ls_ring *ring)
 {
-    for (uint32_t i = 0; i < ring->n; i++)
+    for (uint32_t i = 0; i < ring->n; i++) {
         atomic_store(&ring->state[i], SLOT_QUEUED);
+        say_changed(ring, i, false);
+    }
     atomic_store(&ring->queued, ring->n);
 }
 
@@ -96,6 +152,7 @@ enum ls_err ls_ring_take(struct ls_ring *ring, uint32_t slot)
     if (!pass(ring, slot, SLOT_QUEUED, SLOT_TAKEN))
         return LS_ERR_BUG;
     atomic_fetch_sub(&ring->queued, 1);
+    say_changed(ring, slot, true);
     return LS_OK;
 }
 
@@ -108,6 +165,7 @@ enum ls_err ls_ring_give_back(struct ls_ring *ring, uint32_t slot)
 {
     if (!pass(ring, slot, SLOT_TAKEN, SLOT_QUEUED) && !pass(ring, slot, SLOT_HANDED, SLOT_QUEUED))
         return LS_ERR_BUG;
+    say_changed(ring, slot, false); /* the driver has it once it is released, after this */
     atomic_fetch_add(&ring->queued, 1);
     return LS_OK;
 }

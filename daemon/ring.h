@@ -10,6 +10,11 @@
  *     hand       ls-cam    -> merge      the frame is bound, its ticket travels with the slot
  *     give_back  ls-cam or merge -> driver  just before ls_camera_release
  * Slots the driver holds are what credit is counted from, so a slow merge stage slows the lights.
+ *
+ * Behind the slots lies an index (struct ls_ring_index) for those that only look, other processes
+ * too: they hold nothing, wait for nobody and are waited for by nobody, and learn afterwards
+ * whether what they read was still the frame. The memfd can be mapped for reading only, by anybody
+ * but us.
  */
 #ifndef LS_DAEMON_RING_H
 #define LS_DAEMON_RING_H
@@ -17,11 +22,29 @@
 #include "core/error.h"
 #include "drivers/camera.h"
 
+#include <stdatomic.h>
 #include <stdbool.h>
 #include <stddef.h>
 #include <stdint.h>
+#include <stdint.h>
 
 struct ls_ring;
+
+/** Of one slot, 16 bytes, little-endian as the machine. */
+struct ls_ring_entry {
+    _Atomic uint64_t change; /* odd while a frame may be landing; each change adds 1 */
+    _Atomic uint64_t number; /* of the frame that landed in it last, from 1; 0: none yet */
+};
+
+/** At ls_ring_index_at. */
+struct ls_ring_index {
+    char magic[8]; /* "LSRING 1" */
+    uint32_t n_slots, reserved;
+    uint64_t stride, payload_bytes; /* slot i begins at i x stride */
+    _Atomic uint64_t landed;        /* number of the newest frame */
+    uint64_t zero[3];
+    struct ls_ring_entry entry[]; /* [n_slots], at 64 */
+};
 
 /**
  * One memfd of @n_slots slots of @payload_bytes, rounded up to pages, touched and, if the process
@@ -44,6 +67,13 @@ void ls_ring_queue(struct ls_ring *ring);
 LS_MUST_CHECK enum ls_err ls_ring_take(struct ls_ring *ring, uint32_t slot);
 LS_MUST_CHECK enum ls_err ls_ring_hand(struct ls_ring *ring, uint32_t slot);
 LS_MUST_CHECK enum ls_err ls_ring_give_back(struct ls_ring *ring, uint32_t slot);
+
+/** For handing over: another descriptor of the memfd, sealed against writing, (transfer full),
+ * close; where its index begins; its length. LS_ERR_OS. */
+LS_MUST_CHECK enum ls_err ls_ring_share(const struct ls_ring *ring, int *fd, struct ls_diag *diag);
+uint64_t ls_ring_index_at(const struct ls_ring *ring);
+uint64_t ls_ring_payload_bytes(const struct ls_ring *ring);
+uint64_t ls_ring_bytes(const struct ls_ring *ring);
 
 /** Slots the driver holds now. RT-safe. */
 uint32_t ls_ring_queued(const struct ls_ring *ring);

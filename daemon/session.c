@@ -56,21 +56,36 @@ void ls_session_close(struct ls_session *session)
 
 /* ---- out ---- */
 
+/* (transfer full) of @chunk. */
+static void reply(struct ls_session *session, uint32_t request, uint16_t type,
+                  const ProtobufCMessage *body, struct ls_chunk *chunk, bool last)
+{
+    struct ls_diag diag = {0};
+    enum ls_err err =
+        ls_message_frame(type, request, last ? LS_FRAME_LAST : 0, body, chunk->payload_bytes,
+                         &chunk->head, &chunk->head_bytes, &diag);
+    if (!err) {
+        ls_traffic_push(&session->traffic, chunk);
+        return;
+    }
+    ls_chunk_finish(chunk);
+    ls_session_error(session, request, ls_proto_error_of(LS_ERR_BUG, LS_PROTO_ABOUT_REQUEST),
+                     diag.text);
+}
+
 void ls_session_reply(struct ls_session *session, uint32_t request, uint16_t type,
                       const ProtobufCMessage *body, uint8_t *payload, size_t payload_bytes,
                       bool last)
 {
-    struct ls_diag diag = {0};
     struct ls_chunk chunk = {.payload = payload, .payload_bytes = payload_bytes};
-    enum ls_err err = ls_message_frame(type, request, last ? LS_FRAME_LAST : 0, body, payload_bytes,
-                                       &chunk.head, &chunk.head_bytes, &diag);
-    if (!err) {
-        ls_traffic_push(&session->traffic, &chunk);
-        return;
-    }
-    ls_chunk_finish(&chunk);
-    ls_session_error(session, request, ls_proto_error_of(LS_ERR_BUG, LS_PROTO_ABOUT_REQUEST),
-                     diag.text);
+    reply(session, request, type, body, &chunk, last);
+}
+
+void ls_session_reply_fd(struct ls_session *session, uint32_t request, uint16_t type,
+                         const ProtobufCMessage *body, int fd)
+{
+    struct ls_chunk chunk = {.passes = true, .fd = fd};
+    reply(session, request, type, body, &chunk, true);
 }
 
 void ls_session_error(struct ls_session *session, uint32_t request, uint32_t number,
@@ -122,8 +137,9 @@ static void greet(struct ls_session *session, const struct ls_frame_header *head
                   const ProtobufCMessage *message)
 {
     static char *capabilities[] = {
-        (char *)"relight", (char *)"fetch", (char *)"resume", (char *)"tiles", (char *)"credit",
-        (char *)"memfd",   (char *)"roles", (char *)"levels", (char *)"mono",  (char *)"factored",
+        (char *)"relight", (char *)"fetch", (char *)"resume",   (char *)"tiles",
+        (char *)"credit",  (char *)"memfd", (char *)"ring",     (char *)"roles",
+        (char *)"levels",  (char *)"mono",  (char *)"factored",
     };
     const Lightstage__Hello *hello = (const Lightstage__Hello *)message;
     Lightstage__HelloReply reply = LIGHTSTAGE__HELLO_REPLY__INIT;

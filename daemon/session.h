@@ -46,6 +46,10 @@ void ls_session_reply(struct ls_session *session, uint32_t request, uint16_t typ
                       const ProtobufCMessage *body, uint8_t *payload, size_t payload_bytes,
                       bool last);
 
+/** Queue a reply, its only one, with the descriptor @fd (transfer full); ls_session_passes_fds. */
+void ls_session_reply_fd(struct ls_session *session, uint32_t request, uint16_t type,
+                         const ProtobufCMessage *body, int fd);
+
 /** Queue an Error; ends the request. */
 void ls_session_error(struct ls_session *session, uint32_t request, uint32_t number,
                       const char *text);

@@ -35,6 +35,7 @@ enum ls_message_type {
     LS_MESSAGE_METRICS = 17,
     LS_MESSAGE_PREVIEW = 18,
     LS_MESSAGE_CREDIT = 20,
+    LS_MESSAGE_RING = 21,
     LS_MESSAGE_REPLY = 0x8000,
     LS_MESSAGE_ERROR = 0xffff,
 };

@@ -277,6 +277,36 @@ static void elsewhere_a_memfd_is_refused(void)
     ls_tiles_finish(&tiles);
 }
 
+/* ---- the ring ---- */
+
+static void a_ring_is_handed_over_while_there_is_one(struct hall *hall, gconstpointer data)
+{
+    const struct ls_camera_info info = {.width = 10, .height = 7, .pixel_format = "BayerRG12"};
+    struct ls_preview *preview = ls_engine_preview(hall->stage.engine);
+    Lightstage__Ring ask = LIGHTSTAGE__RING__INIT;
+    struct ls_ring *ring = NULL;
+    struct stat memory;
+    struct taker t;
+    taker_open(&t, hall);
+    say(&t, LS_MESSAGE_RING, &ask.base);
+    g_assert_cmpuint(take_frame(&t), ==, LS_PROTO_WRONG_STATE);
+    g_assert_cmpint(ls_ring_create(4, 140, &ring, NULL), ==, LS_OK);
+    ls_preview_set_ring(preview, 0, ring, &info);
+    say(&t, LS_MESSAGE_RING, &ask.base);
+    g_assert_cmpuint(take_frame(&t), ==, 0);
+    g_assert_cmpuint(t.header.type, ==, LS_MESSAGE_RING | LS_MESSAGE_REPLY);
+    g_assert_cmpint(fstat(t.fd, &memory), ==, 0);
+    g_assert_cmpuint(memory.st_size, ==, ls_ring_bytes(ring));
+    ls_preview_set_ring(preview, 0, NULL, NULL);
+    ls_ring_destroy(ring);
+    say(&t, LS_MESSAGE_RING, &ask.base);
+    g_assert_cmpuint(take_frame(&t), ==, LS_PROTO_WRONG_STATE);
+    ask.camera = 1;
+    say(&t, LS_MESSAGE_RING, &ask.base);
+    g_assert_cmpuint(take_frame(&t), ==, LS_PROTO_BAD_ARGUMENT);
+    taker_close(&t);
+}
+
 /* A seventh picture does not fit beside six. */
 static void what_is_kept_is_bounded(struct hall *hall, gconstpointer data)
 {
@@ -311,6 +341,8 @@ int main(int argc, char **argv)
         stored_pictures_are_the_same_memory_for_all);
     ADD("memory-is-filled-within-credit-alone", with_take, memory_is_filled_within_credit_alone);
     ADD("what-is-kept-is-bounded", with_take, what_is_kept_is_bounded);
+    ADD("a-ring-is-handed-over-while-there-is-one", with_take,
+        a_ring_is_handed_over_while_there_is_one);
     g_test_add_func("/serving/elsewhere-a-memfd-is-refused", elsewhere_a_memfd_is_refused);
     return g_test_run();
 }

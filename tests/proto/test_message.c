@@ -44,8 +44,8 @@ static void unknown_fields_are_ignored(void)
 
 static void unknown_types_are_refused(void)
 {
-    static const uint16_t types[] = {0,      LS_MESSAGE_CREDIT + 1,          0x7fff,
-                                     0x8000, 0x8000 + LS_MESSAGE_CREDIT + 1, 0xfffe};
+    static const uint16_t types[] = {0,      LS_MESSAGE_RING + 1,          0x7fff,
+                                     0x8000, 0x8000 + LS_MESSAGE_RING + 1, 0xfffe};
     for (size_t i = 0; i < G_N_ELEMENTS(types); i++) {
         ProtobufCMessage *back = NULL;
         struct ls_diag diag = {0};
