@@ -4,6 +4,7 @@
 #include "daemon/preview.h"
 
 #include <math.h>
+#include <stdio.h>
 
 enum {
     MIN_SLOTS = 16,
@@ -123,11 +124,28 @@ enum ls_err ls_capture_make_rings(struct ls_capture *c, struct ls_diag *diag)
     return LS_OK;
 }
 
+/* Frames by way of UDP cost more and are lost sooner: who looks for a take's losses must see it. */
+static enum ls_err start_camera(struct ls_capture *c, uint32_t i, struct ls_diag *diag)
+{
+    struct ls_camera *camera = c->setup.cameras[i];
+    const struct ls_camera_slots slots = ls_ring_slots(c->rings[i]);
+    bool allowed = ls_camera_info(camera)->packet_socket;
+    char text[256];
+    enum ls_err err = ls_camera_start(camera, &slots, diag);
+    c->started[i] = !err;
+    if (err || !allowed || ls_camera_info(camera)->packet_socket)
+        return err;
+    snprintf(text, sizeof text,
+             "camera %.60s: its link is never quiet enough for a packet socket, its frames come by "
+             "UDP; give cameras an interface of their own",
+             ls_capture_camera(c, i)->name);
+    return ls_store_alarm(c->setup.store, text, diag);
+}
+
 enum ls_err ls_capture_start_cameras(struct ls_capture *c, struct ls_diag *diag)
 {
     for (uint32_t i = 0; i < c->n_cameras; i++) {
         struct ls_sequencer_camera *camera = &c->sequencer.cameras[i];
-        const struct ls_camera_slots slots = ls_ring_slots(c->rings[i]);
         enum ls_err err = LS_OK;
         if (camera->timed) {
             camera->asked_us = camera->exposure_us = c->setup.plan->pulse_us[0];
@@ -135,10 +153,9 @@ enum ls_err ls_capture_start_cameras(struct ls_capture *c, struct ls_diag *diag)
         }
         ls_ring_queue(c->rings[i]);
         if (!err)
-            err = ls_camera_start(camera->camera, &slots, diag);
+            err = start_camera(c, i, diag);
         if (err)
             return err;
-        c->started[i] = true;
     }
     return LS_OK;
 }

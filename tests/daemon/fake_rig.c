@@ -388,6 +388,7 @@ enum ls_err ls_camera_start(struct ls_camera *camera, const struct ls_camera_slo
         camera->queued[camera->n_queued++] = i;
     camera->started = true;
     camera->awake = false;
+    camera->info.packet_socket = false;
     g_mutex_unlock(&camera->rig->lock);
     return LS_OK;
 }
@@ -502,7 +503,8 @@ static void init_camera(struct fake_rig *rig, uint32_t index)
                                            .has_trigger_counter = has_time(camera),
                                            .has_chunk_exposure = true,
                                            .has_latch = has_time(camera),
-                                           .has_trigger_width = !rig->options.timed};
+                                           .has_trigger_width = !rig->options.timed,
+                                           .packet_socket = rig->options.noisy_link && !index};
 }
 
 struct fake_rig *fake_rig_new(const struct fake_options *options)

@@ -44,6 +44,7 @@ enum fake_fault {
 struct fake_options {
     uint32_t n_cameras;
     bool software, timed, no_time; /* kind of cameras */
+    bool noisy_link;               /* camera 0 has a packet socket until it starts */
     bool mixed;                    /* camera 1 has a line and a clock all the same */
     bool blank_fails;              /* from the second program on */
     int lose_light;                /* camera 0 never gives a frame of this light; -1 none */

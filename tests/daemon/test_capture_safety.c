@@ -96,6 +96,19 @@ static void test_no_work_light_with_a_fault(void)
     clear(s);
 }
 
+static void test_a_noisy_link_is_told(void)
+{
+    struct stage *s = new_stage();
+    s->options.noisy_link = true;
+    g_assert_cmpint(shoot(s), ==, LS_OK);
+    g_assert_true(has_alarm(s, "its frames come by UDP"));
+    clear(s);
+    s = new_stage();
+    g_assert_cmpint(shoot(s), ==, LS_OK);
+    g_assert_false(has_alarm(s, "UDP"));
+    clear(s);
+}
+
 static gpointer run_thread(gpointer data)
 {
     struct stage *s = data;
@@ -133,6 +146,8 @@ int main(int argc, char **argv)
     g_test_add_func("/capture/a-hot-dome-pauses-a-take-of-one-step-at-a-time", test_hot_stepwise);
     g_test_add_func("/capture/a-dome-that-does-not-cool-ends-the-take-dark", test_hot_too_long);
     g_test_add_func("/capture/a-take-ends-in-the-work-light", test_work_after_a_take);
+    g_test_add_func("/capture/a-link-too-noisy-for-a-packet-socket-is-told",
+                    test_a_noisy_link_is_told);
     g_test_add_func("/capture/with-a-fault-latched-it-ends-dark", test_no_work_light_with_a_fault);
     g_test_add_func("/capture/an-abort-leaves-the-work-light-and-blank-does-not",
                     test_abort_and_blank);
