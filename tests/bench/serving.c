@@ -122,13 +122,23 @@ struct iovec *serving_spans(const struct serving *s, size_t *n)
     return spans;
 }
 
-void serving_open(struct serving *s, uint32_t n_lights, uint32_t side, unsigned clients)
+void serving_make(struct serving *s, uint32_t n_lights, uint32_t side, unsigned clients)
 {
     *s = (struct serving){.n_lights = n_lights, .side = side};
     stage_init(&s->stage);
     s->stage.limits.max_connections = clients;
     make_take(s);
+}
+
+void serving_start(struct serving *s)
+{
     stage_open(&s->stage);
+}
+
+void serving_open(struct serving *s, uint32_t n_lights, uint32_t side, unsigned clients)
+{
+    serving_make(s, n_lights, side, clients);
+    serving_start(s);
 }
 
 void serving_close(struct serving *s)

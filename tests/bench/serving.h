@@ -24,6 +24,10 @@ struct serving {
 void serving_open(struct serving *serving, uint32_t n_lights, uint32_t side, unsigned clients);
 void serving_close(struct serving *serving);
 
+/** serving_open in two steps: between them stage.limits may be changed. */
+void serving_make(struct serving *serving, uint32_t n_lights, uint32_t side, unsigned clients);
+void serving_start(struct serving *serving);
+
 /** Where the stored tiles of all lights lie: spans of a mapped file each, as the server sees them.
  * (transfer full), g_free; the mappings stay until the program ends. */
 struct iovec *serving_spans(const struct serving *serving, size_t *n);
