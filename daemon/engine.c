@@ -44,6 +44,7 @@ enum ls_err ls_engine_create(const struct ls_config *config, ls_take_callback *c
     e->user = user;
     e->main = g_main_context_ref_thread_default();
     e->preview = ls_preview_create(config);
+    e->events = ls_events_create();
     e->errands = ls_errands_create();
     if (e->errands)
         e->probe = ls_probe_create(config, e->errands, probe_remember_us, probe_wait_us);
@@ -53,8 +54,8 @@ enum ls_err ls_engine_create(const struct ls_config *config, ls_take_callback *c
         ls_engine_destroy(e);
         return err;
     }
-    e->context = (struct ls_take_context){config, e->calibration_json, e->calibration, &e->metrics,
-                                          e->preview};
+    e->context = (struct ls_take_context){config,      e->calibration_json, e->calibration,
+                                          &e->metrics, e->preview,          e->events};
     *out = e;
     return LS_OK;
 }
@@ -65,6 +66,15 @@ void ls_engine_notify(struct ls_engine *e)
         e->callback(e->user, &e->status);
 }
 
+static void tell_alarms(struct ls_engine *e)
+{
+    const struct ls_capture_progress *p = &e->status.progress;
+    bool pauses = p->cooling && e->thread; /* what has ended does not pause any more */
+    ls_events_alarm(e->events, LS_ALARM_HOT, pauses, e->status.id, e->status.message);
+    if (p->drift.known && p->drift.alarm)
+        ls_events_alarm(e->events, LS_ALARM_DRIFT, true, e->status.id, p->drift.text);
+}
+
 static gboolean report_progress(gpointer data)
 {
     struct ls_engine *e = data;
@@ -73,6 +83,7 @@ static gboolean report_progress(gpointer data)
         e->status.state = LS_TAKE_RUNNING;
     snprintf(e->status.message, sizeof e->status.message, "%s",
              e->status.progress.cooling ? "paused: the dome is hot; it goes on by itself" : "");
+    tell_alarms(e);
     ls_engine_notify(e);
     return G_SOURCE_CONTINUE;
 }
@@ -108,6 +119,7 @@ static void reap(struct ls_engine *e)
     count_take(e);
     e->status.report = e->end_report;
     snprintf(e->status.message, sizeof e->status.message, "%s", e->end_message.text);
+    tell_alarms(e);
 }
 
 static gboolean take_ended(gpointer data)
@@ -161,6 +173,11 @@ enum ls_err ls_engine_busy(const struct ls_engine *e, struct ls_diag *diag)
 struct ls_preview *ls_engine_preview(struct ls_engine *e)
 {
     return e->preview;
+}
+
+struct ls_events *ls_engine_events(struct ls_engine *e)
+{
+    return e->events;
 }
 
 enum ls_err ls_engine_frame(struct ls_engine *e, const struct ls_framing_wish *wish,
@@ -279,6 +296,7 @@ void ls_engine_destroy(struct ls_engine *e)
     ls_probe_destroy(e->probe);
     ls_errands_destroy(e->errands);
     ls_preview_destroy(e->preview);
+    ls_events_destroy(e->events);
     ls_calibration_destroy(e->calibration);
     free(e->calibration_json);
     free(e);

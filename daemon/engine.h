@@ -11,6 +11,7 @@
 #include "core/error.h"
 #include "daemon/capture.h"
 #include "daemon/config.h"
+#include "daemon/events.h"
 #include "daemon/framing.h"
 #include "daemon/metrics.h"
 #include "daemon/preview.h"
@@ -130,6 +131,9 @@ void ls_engine_withdraw(struct ls_request *request, bool stop);
 
 /** Where frames of takes and of the live view are to be seen. (transfer none). */
 struct ls_preview *ls_engine_preview(struct ls_engine *engine);
+
+/** What happens to takes. (transfer none). */
+struct ls_events *ls_engine_events(struct ls_engine *engine);
 
 /** The live view under steady light: a camera runs freely and offers its frames, once the requests
  * before it have left the devices. A take ends it, and so does blank. Errors: LS_ERR_BUSY (a take

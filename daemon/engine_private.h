@@ -19,6 +19,7 @@ struct ls_engine {
     struct ls_calibration *calibration;
     struct ls_metrics metrics;
     struct ls_preview *preview;
+    struct ls_events *events;
     struct ls_framing *framing; /* NULL: none */
     enum ls_err framing_err;    /* what ended it, beside its client */
     struct ls_diag framing_why;

@@ -130,6 +130,14 @@ static void handle_take_progress(const struct ls_call *call)
                          "this connection follows the take already");
 }
 
+static void handle_events(const struct ls_call *call)
+{
+    if (!ls_session_follow_events(call->session, call->id,
+                                  (const Lightstage__Events *)call->message))
+        ls_session_error(call->session, call->id, LS_PROTO_TOO_MANY,
+                         "this connection is told of events already");
+}
+
 static void handle_take_list(const struct ls_call *call)
 {
     ls_session_run(call->session,
@@ -351,6 +359,7 @@ static const struct {
     {LS_MESSAGE_CANCEL, handle_cancel, NULL},
     {LS_MESSAGE_CREDIT, handle_credit, NULL},
     {LS_MESSAGE_RING, handle_ring, always},
+    {LS_MESSAGE_EVENTS, handle_events, NULL},
 };
 
 static void turn_down(const struct ls_call *call)

@@ -110,6 +110,15 @@ static enum ls_err start(struct ls_server *server, struct ls_diag *diag)
     return LS_OK;
 }
 
+static void on_events(void *user)
+{
+    struct ls_server *server = user;
+    for (GList *l = server->service.sessions, *next; l; l = next) {
+        next = l->next;
+        ls_session_tell_events(l->data);
+    }
+}
+
 enum ls_err ls_server_create(const struct ls_server_config *config, struct ls_engine *engine,
                              struct ls_server **out, struct ls_diag *diag)
 {
@@ -137,6 +146,7 @@ enum ls_err ls_server_create(const struct ls_server_config *config, struct ls_en
     }
     server->accepting = g_unix_fd_add(fd, G_IO_IN, on_connection, server);
     server->ticking = g_timeout_add(TICK_MS, on_tick, server);
+    ls_events_watch(ls_engine_events(engine), on_events, server);
     *out = server;
     return LS_OK;
 }
@@ -164,6 +174,7 @@ void ls_server_destroy(struct ls_server *server)
 {
     if (!server)
         return;
+    ls_events_watch(ls_engine_events(server->service.engine), NULL, NULL);
     if (server->accepting)
         g_source_remove(server->accepting);
     if (server->ticking)

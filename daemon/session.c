@@ -139,7 +139,7 @@ static void greet(struct ls_session *session, const struct ls_frame_header *head
     static char *capabilities[] = {
         (char *)"relight", (char *)"fetch", (char *)"resume",   (char *)"tiles",
         (char *)"credit",  (char *)"memfd", (char *)"ring",     (char *)"roles",
-        (char *)"levels",  (char *)"mono",  (char *)"factored",
+        (char *)"levels",  (char *)"mono",  (char *)"factored", (char *)"events",
     };
     const Lightstage__Hello *hello = (const Lightstage__Hello *)message;
     Lightstage__HelloReply reply = LIGHTSTAGE__HELLO_REPLY__INIT;

@@ -91,6 +91,14 @@ bool ls_session_subscribe(struct ls_session *session, uint32_t request);
 /** The take's status has changed: tell the subscriber, or skip it if the client is behind. */
 void ls_session_take_event(struct ls_session *session);
 
+/** Tell @request what happens, from what is so now on: of what @wish says, or of all if it says
+ * nothing. False if the session is told already. */
+bool ls_session_follow_events(struct ls_session *session, uint32_t request,
+                              const Lightstage__Events *wish);
+
+/** Something has happened: tell who wants to know, as far as the client is not behind. */
+void ls_session_tell_events(struct ls_session *session);
+
 /** Send @request pictures of @camera from now on; @frames: the engine's live view is this client's,
  * and ends with the request. False if the session looks already. */
 bool ls_session_watch(struct ls_session *session, uint32_t request, uint32_t camera, bool frames);

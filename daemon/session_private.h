@@ -21,6 +21,12 @@ struct ls_session {
     uint32_t subscription;   /* request id, 0 = none */
     bool event_pending;
     struct {
+        uint32_t request; /* 0 = none */
+        bool progress, published, alarms;
+        bool moved; /* the take's progress has changed since it was told */
+        struct ls_events_cursor cursor;
+    } events;
+    struct {
         uint32_t request; /* 0 = does not look */
         uint32_t camera;
         bool frames; /* the live view is this client's */
@@ -46,6 +52,14 @@ void ls_session_drop_requests(struct ls_session *session);
 
 /** What the subscriber has missed while its client was behind. */
 void ls_session_catch_up(struct ls_session *session);
+
+/** Is nothing waiting for the client? Frames of their own accord are sent only then. */
+bool ls_session_is_idle(const struct ls_session *session);
+
+/* session_events.c */
+
+/** The take's progress has changed. */
+void ls_session_events_moved(struct ls_session *session);
 
 void ls_session_end_streams(struct ls_session *session);
 bool ls_session_cancel_stream(struct ls_session *session, uint32_t request);

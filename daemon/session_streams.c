@@ -5,8 +5,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-/* Frames of their own accord are sent only when nothing waits. */
-static bool idle(const struct ls_session *session)
+bool ls_session_is_idle(const struct ls_session *session)
 {
     return ls_traffic_waiting(&session->traffic) == 0;
 }
@@ -29,8 +28,9 @@ static void send_event(struct ls_session *session)
 
 void ls_session_catch_up(struct ls_session *session)
 {
-    if (session->event_pending && idle(session))
+    if (session->event_pending && ls_session_is_idle(session))
         send_event(session);
+    ls_session_tell_events(session);
 }
 
 bool ls_session_subscribe(struct ls_session *session, uint32_t request)
@@ -44,9 +44,10 @@ bool ls_session_subscribe(struct ls_session *session, uint32_t request)
 
 void ls_session_take_event(struct ls_session *session)
 {
+    ls_session_events_moved(session);
     if (!session->subscription || session->closing)
         return;
-    if (idle(session)) {
+    if (ls_session_is_idle(session)) {
         send_event(session);
         return;
     }
@@ -93,7 +94,7 @@ static bool looks_at(const struct ls_session *session, uint32_t camera)
 
 bool ls_session_wants_picture(const struct ls_session *session, uint32_t camera)
 {
-    return looks_at(session, camera) && idle(session);
+    return looks_at(session, camera) && ls_session_is_idle(session);
 }
 
 void ls_session_picture(struct ls_session *session, uint32_t camera,
@@ -104,7 +105,7 @@ void ls_session_picture(struct ls_session *session, uint32_t camera,
     double clip[3];
     if (!looks_at(session, camera))
         return;
-    uint8_t *rgb = idle(session) ? malloc(n) : NULL;
+    uint8_t *rgb = ls_session_is_idle(session) ? malloc(n) : NULL;
     if (!rgb) {
         session->preview.skipped++;
         session->service->pictures_skipped++;
@@ -140,7 +141,8 @@ void ls_session_framing_ended(struct ls_session *session)
 
 unsigned ls_session_streams(const struct ls_session *session)
 {
-    return (session->subscription != 0) + (session->preview.request != 0);
+    return (session->subscription != 0) + (session->preview.request != 0) +
+           (session->events.request != 0);
 }
 
 static void end_subscription(struct ls_session *session)
@@ -153,6 +155,7 @@ void ls_session_end_streams(struct ls_session *session)
 {
     end_subscription(session);
     end_preview(session);
+    session->events.request = 0;
 }
 
 bool ls_session_cancel_stream(struct ls_session *session, uint32_t request)
@@ -161,6 +164,8 @@ bool ls_session_cancel_stream(struct ls_session *session, uint32_t request)
         end_subscription(session);
     else if (session->preview.request == request)
         end_preview(session);
+    else if (session->events.request == request)
+        session->events.request = 0;
     else
         return false;
     ls_session_error(session, request, LS_PROTO_CANCELLED, "cancelled by the client");

@@ -173,6 +173,8 @@ enum ls_err ls_store_publish(struct ls_store *store, const struct ls_store_pictu
     err = item ? encode(store, picture, item, diag) : LS_ERR_NOMEM;
     if (!err)
         item->times = picture->times;
+    if (!err)
+        g_strlcpy(item->condition, picture->condition, sizeof item->condition);
     if (err)
         ls_store_item_free(&store->writer, item);
     else
@@ -180,6 +182,12 @@ enum ls_err ls_store_publish(struct ls_store *store, const struct ls_store_pictu
     if (err)
         unclaim(store, key);
     return err;
+}
+
+void ls_store_tell(struct ls_store *store, ls_store_published *published, void *user)
+{
+    store->writer.published = published;
+    store->writer.published_user = user;
 }
 
 enum ls_err ls_store_flush(struct ls_store *store, struct ls_diag *diag)

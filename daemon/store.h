@@ -96,6 +96,12 @@ LS_MUST_CHECK enum ls_err ls_store_reopen(const char *folder, uint64_t need_byte
  */
 void ls_store_limit_queue(struct ls_store *store, uint64_t bytes);
 
+/** Called on ls-store when a picture is durable and can be read back. */
+typedef void ls_store_published(void *user, const char *condition, uint32_t camera);
+
+/** Say so to @published from now on. Before anything is queued. */
+void ls_store_tell(struct ls_store *store, ls_store_published *published, void *user);
+
 /** Absolute or as given in root; the last component is the take's id. (transfer none). */
 const char *ls_store_folder(const struct ls_store *store);
 const char *ls_store_id(const struct ls_store *store);

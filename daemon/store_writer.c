@@ -115,6 +115,14 @@ static enum ls_err put_state(struct ls_store_writer *writer, const struct ls_sto
     return err;
 }
 
+static void note_picture(struct ls_store_writer *writer, const struct ls_store_item *item)
+{
+    uint32_t n = writer->batch_pictures++;
+    writer->batch_times[n] = item->times;
+    memcpy(writer->batch_conditions[n], item->condition, sizeof item->condition);
+    writer->batch_cameras[n] = item->camera;
+}
+
 static enum ls_err process(struct ls_store_writer *writer, const struct ls_store_item *item,
                            struct ls_diag *diag)
 {
@@ -126,7 +134,7 @@ static enum ls_err process(struct ls_store_writer *writer, const struct ls_store
         err = add_record(writer, item, diag);
     writer->batch_tickets += item->kind == LS_ITEM_TICKET;
     if (item->kind == LS_ITEM_PICTURE)
-        writer->batch_times[writer->batch_pictures++] = item->times;
+        note_picture(writer, item);
     writer->dirty[item->camera] |= item->kind == LS_ITEM_PICTURE;
     writer->raw_dirty[item->camera] |= item->kind == LS_ITEM_RAW;
     if (!writer->batch_since_ns)
@@ -153,11 +161,15 @@ static bool commit_due(const struct ls_store_writer *writer)
            now_ns() - writer->batch_since_ns >= commit_ns;
 }
 
-static void count_stored(const struct ls_store_writer *writer)
+static void tell_stored(const struct ls_store_writer *writer)
 {
     uint64_t now = ls_host_ns();
-    for (uint32_t i = 0; i < writer->batch_pictures; i++)
+    for (uint32_t i = 0; i < writer->batch_pictures; i++) {
         ls_metrics_stored(&writer->batch_times[i], now);
+        if (writer->published)
+            writer->published(writer->published_user, writer->batch_conditions[i],
+                              writer->batch_cameras[i]);
+    }
 }
 
 /* Called with the lock held; drops it while the disk works. */
@@ -168,7 +180,7 @@ static void commit_unlocked(struct ls_store_writer *writer)
     pthread_mutex_unlock(&writer->lock);
     enum ls_err err = commit(writer, &diag);
     if (!err)
-        count_stored(writer);
+        tell_stored(writer);
     pthread_mutex_lock(&writer->lock);
     latch(writer, err, &diag);
     if (!err) {

@@ -34,6 +34,7 @@ struct ls_store_item {
     struct ls_journal_batch record; /* appended once the file is in place */
     uint32_t camera;
     struct ls_picture_times times; /* PICTURE */
+    char condition[64];            /* PICTURE */
     char file[128];                /* PICTURE, RAW, STATE: relative to the take folder */
     struct ls_write_buffer buffer; /* its contents */
     size_t n;
@@ -60,6 +61,10 @@ struct ls_store_writer {
     uint32_t batch_tickets, batch_pictures;
     bool told_of_cache; /* that the file system refuses direct writes */
     struct ls_picture_times batch_times[LS_COMMIT_PICTURES];
+    char batch_conditions[LS_COMMIT_PICTURES][64];
+    uint32_t batch_cameras[LS_COMMIT_PICTURES];
+    ls_store_published *published; /* or NULL */
+    void *published_user;
     int64_t batch_since_ns; /* 0 = empty */
     bool dirty[LS_FOLDER_MAX_CAMERAS], raw_dirty[LS_FOLDER_MAX_CAMERAS];
 };

@@ -303,6 +303,41 @@ static enum ls_err create_store(struct ls_take *take, const char *name, const ch
     return err;
 }
 
+/* ---- what clients are told ---- */
+
+static const struct ls_plan_condition *find_condition(const struct ls_plan *plan, const char *id)
+{
+    uint32_t i = 0;
+    while (i < plan->n_conditions && strcmp(plan->conditions[i].id, id) != 0)
+        i++;
+    return i < plan->n_conditions ? &plan->conditions[i] : NULL;
+}
+
+/* On ls-store. Darks are no pictures of lights. */
+static void tell_published(void *user, const char *id, uint32_t camera)
+{
+    const struct ls_take *take = user;
+    const struct ls_plan_condition *c = find_condition(take->plan, id);
+    struct ls_event_picture picture = {.camera = camera, .light = -1};
+    if (!c || c->dark)
+        return;
+    snprintf(picture.condition, sizeof picture.condition, "%s", id);
+    picture.light = c->light;
+    if (c->channel >= 0)
+        snprintf(picture.channel, sizeof picture.channel, "%s",
+                 take->context->config->channels[c->channel].name);
+    ls_events_published(take->context->events, &picture);
+}
+
+/* @dir: what is published already, or NULL. */
+static void tell_begin(struct ls_take *take, const struct ls_takedir *dir)
+{
+    ls_events_begin(take->context->events, ls_take_id(take));
+    for (size_t i = 0; dir && i < dir->n_published; i++)
+        tell_published(take, dir->published[i].condition, dir->published[i].camera);
+    ls_store_tell(take->store, tell_published, take);
+}
+
 static enum ls_err create_capture(struct ls_take *take, struct ls_diag *diag)
 {
     const struct ls_capture_setup setup = {
@@ -346,6 +381,7 @@ enum ls_err ls_take_create(const struct ls_take_context *context, const char *na
         ls_take_destroy(take);
         return err;
     }
+    tell_begin(take, NULL);
     *out = take;
     return LS_OK;
 }
@@ -370,6 +406,7 @@ static enum ls_err reopen(const struct ls_take_context *context, const struct ls
         ls_take_destroy(take);
         return err;
     }
+    tell_begin(take, dir);
     *out = take;
     return LS_OK;
 }
@@ -448,6 +485,8 @@ static enum ls_err say_warnings(struct ls_take *take, const json_t *checks, stru
         snprintf(take->said + used, sizeof take->said - used, "; %s", text);
         err = ls_store_alarm(take->store, text, diag);
     }
+    ls_events_alarm(take->context->events, LS_ALARM_SWEEP, json_array_size(warnings) > 0,
+                    ls_take_id(take), take->said + 2);
     return err;
 }
 
@@ -511,8 +550,9 @@ static enum ls_err close_books(struct ls_take *take, enum ls_err ran, enum ls_ta
     return err;
 }
 
-enum ls_take_state ls_take_run(struct ls_take *take, struct ls_capture_report *report,
-                               struct ls_diag *message)
+/* *written: the take's folder says how it ended. */
+static enum ls_take_state run(struct ls_take *take, struct ls_capture_report *report,
+                              struct ls_diag *message, bool *written)
 {
     struct ls_diag why = {0}, books = {0};
     enum ls_take_state state = LS_TAKE_FAILED;
@@ -525,6 +565,7 @@ enum ls_take_state ls_take_run(struct ls_take *take, struct ls_capture_report *r
     else
         ls_store_close(take->store, NULL);
     take->store = NULL;
+    *written = !closed;
     ls_rig_close(&take->rig); /* one that is gone takes seconds: not the main loop's */
     if (closed && !err) {
         ls_fail(message, closed, "the take could not be written: %.400s", books.text);
@@ -541,6 +582,20 @@ enum ls_take_state ls_take_run(struct ls_take *take, struct ls_capture_report *r
     else
         ls_fail(message, LS_OK, "%s%s%s", report->repaired[0] ? "complete; repaired: " : "complete",
                 report->repaired, take->said);
+    return state;
+}
+
+enum ls_take_state ls_take_run(struct ls_take *take, struct ls_capture_report *report,
+                               struct ls_diag *message)
+{
+    char id[128];
+    bool written = true;
+    snprintf(id, sizeof id, "%s", ls_take_id(take));
+    enum ls_take_state state = run(take, report, message, &written);
+    if (!written)
+        ls_events_alarm(take->context->events, LS_ALARM_DISK, true, id, message->text);
+    else if (state == LS_TAKE_FAILED || state == LS_TAKE_INCOMPLETE)
+        ls_events_alarm(take->context->events, LS_ALARM_FAULT, true, id, message->text);
     return state;
 }
 

@@ -11,6 +11,7 @@
 #include "core/error.h"
 #include "daemon/capture.h"
 #include "daemon/engine.h"
+#include "daemon/events.h"
 
 struct ls_take;
 
@@ -21,6 +22,7 @@ struct ls_take_context {
     const struct ls_calibration *calibration; /* the same, parsed */
     struct ls_metrics *metrics;               /* of all takes */
     struct ls_preview *preview;               /* offered their frames */
+    struct ls_events *events;                 /* told what happens to them */
 };
 
 /**

@@ -38,6 +38,7 @@ static const struct pairing pairings[] = {
      &lightstage__take_slate_reply__descriptor},
     {LS_MESSAGE_METRICS, &lightstage__metrics__descriptor, &lightstage__metrics_reply__descriptor},
     {LS_MESSAGE_PREVIEW, &lightstage__preview__descriptor, &lightstage__preview_reply__descriptor},
+    {LS_MESSAGE_EVENTS, &lightstage__events__descriptor, &lightstage__events_reply__descriptor},
     {LS_MESSAGE_CREDIT, &lightstage__credit__descriptor, &lightstage__credit_reply__descriptor},
     {LS_MESSAGE_RING, &lightstage__ring__descriptor, &lightstage__ring_reply__descriptor},
 };

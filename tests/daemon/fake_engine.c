@@ -15,6 +15,7 @@ struct ls_engine {
     struct fake_engine_state state;
     struct ls_metrics metrics;
     struct ls_preview *preview;
+    struct ls_events *events;
     bool framing;
     GMutex lock; /* of the counters that are waited for */
     GCond asked;
@@ -75,8 +76,11 @@ enum ls_err ls_engine_create(const struct ls_config *config, ls_take_callback *c
         free(*out);
         return LS_ERR_NOMEM;
     }
-    **out = (struct ls_engine){
-        .config = config, .callback = callback, .user = user, .preview = preview};
+    **out = (struct ls_engine){.config = config,
+                               .callback = callback,
+                               .user = user,
+                               .preview = preview,
+                               .events = ls_events_create()};
     g_mutex_init(&(*out)->lock);
     g_cond_init(&(*out)->asked);
     return LS_OK;
@@ -89,6 +93,7 @@ void ls_engine_destroy(struct ls_engine *engine)
     g_mutex_clear(&engine->lock);
     g_cond_clear(&engine->asked);
     ls_preview_destroy(engine->preview);
+    ls_events_destroy(engine->events);
     free(engine);
 }
 
@@ -196,6 +201,11 @@ void ls_engine_blank(struct ls_engine *engine, struct ls_request *request)
 struct ls_preview *ls_engine_preview(struct ls_engine *engine)
 {
     return engine->preview;
+}
+
+struct ls_events *ls_engine_events(struct ls_engine *engine)
+{
+    return engine->events;
 }
 
 enum ls_err ls_engine_frame(struct ls_engine *engine, const struct ls_framing_wish *wish,
