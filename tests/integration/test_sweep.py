@@ -74,8 +74,8 @@ def test_dead_and_dim_leds_are_named_and_no_others(folder):
 
 
 def test_ambient_light_and_clipping_are_told_with_what_to_do(folder):
-    # radiance 0.05 while the shutter is open for 4 ms, where 0.29 reads half of full scale
-    rig = harness.twelve(folder, scene_extra=DOME, camera_extra="ambient = 0.05;").start()
+    # radiance 0.0025 while the shutter is open for 4 ms, where 0.29 reads half of full scale
+    rig = harness.twelve(folder, scene_extra=DOME, camera_extra="ambient = 0.0025;").start()
     checks, message, _ = sweep(rig, """subject = "still"; exposures_us = [1600, 4000]; darks = 8;
 conditions = ( { kind = "sphere"; channels = ["W"]; level = 65535; },
                { kind = "sphere"; channels = ["R", "G"]; level = 4000; } );""")
@@ -84,8 +84,8 @@ conditions = ( { kind = "sphere"; channels = ["W"]; level = 65535; },
     assert len([w for w in checks["warnings"] if "clipping" in w]) == 1, checks["warnings"]
     ambient = [w for w in checks["warnings"] if "ambient" in w]
     assert len(ambient) == 1 and "darken the room" in ambient[0], checks["warnings"]
-    # 0.05 / 0.286 of half of full scale
-    assert 0.05 < checks["ambient"][0]["dn"] / 4095 < 0.12, checks["ambient"]
+    # 0.0025 / 0.286 of half of full scale
+    assert 0.0025 < checks["ambient"][0]["dn"] / 4095 < 0.006, checks["ambient"]
     assert not checks["leds"]["dead"] and not checks["leds"]["dim"], checks["leds"]
 
 
