@@ -12,7 +12,6 @@ import sys
 sys.path.insert(0, os.path.join(os.path.dirname(os.path.dirname(os.path.abspath(__file__))),
                                 "integration"))
 
-import honest  # noqa: E402
 import wire  # noqa: E402
 
 CLIENTS, STALLED = 16, 4
@@ -31,10 +30,10 @@ class Counted(wire.Peer):
 def answer_bytes(path, request):
     peer = Counted(path)
     peer.send(wire.hello())
-    honest.answer(peer)
+    wire.answer(peer)
     greeting = peer.total
     peer.send(request)
-    kind, message, _ = honest.answer(peer)
+    kind, message, _ = wire.answer(peer)
     assert kind == wire.FETCH | wire.REPLY, message
     peer.close()
     return peer.total - greeting
@@ -46,7 +45,7 @@ def main():
     path, take, light, channel = sys.argv[1:]
     request = wire.frame(wire.FETCH, 2, wire.message(f1=take, f2=int(light), f3=channel))
     size = answer_bytes(path, request)
-    peers = [honest.greeted(path) for _ in range(CLIENTS)]
+    peers = [wire.greeted(path) for _ in range(CLIENTS)]
     for peer in peers:
         peer.send(request * AHEAD)
     reading = {peer.socket: 0 for peer in peers[STALLED:]}  # bytes of the answer under way

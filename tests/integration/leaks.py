@@ -7,7 +7,6 @@ One daemon, on six lights and a camera of 64 x 64. Its own memory after a tenth 
 part of it has been at work, is compared with that at the end: more than 5 % is a leak.
 """
 import argparse
-import os
 import signal
 import sys
 import tempfile
@@ -15,6 +14,7 @@ import time
 
 import harness
 import honest
+import lightstage
 import takes
 import wire
 from harness import stage
@@ -31,24 +31,13 @@ conditions = ( { kind = "each"; channels = ["W"]; order = "given"; } );
 def photograph(rig, n):
     """n takes, each looked at as a client does: shown, verified, fetched, then its folder removed,
     as a daemon's memory is not to grow with the storage either."""
-    peer = honest.greeted(rig.path("socket"))
-    for _ in range(n):
-        peer.send(wire.frame(wire.TAKE_START, 1, wire.message(f1="leak", f2=f"t{time.time_ns()}"),
-                             PLAN.encode()))
-        kind, message, _ = honest.answer(peer)
-        assert kind == wire.TAKE_START | wire.REPLY, message
-        peer.send(wire.frame(wire.TAKE_PROGRESS, 2))
-        kind, message, _ = honest.answer(peer)
-        assert kind == wire.TAKE_PROGRESS | wire.REPLY, message
-        take, = os.listdir(rig.path("takes"))
-        for request in (wire.frame(wire.TAKE_SHOW, 3, wire.message(f1=take)),
-                        wire.frame(wire.TAKE_VERIFY, 4, wire.message(f1=take)),
-                        wire.frame(wire.FETCH, 5, wire.message(f1=take, f2=0, f3="W"))):
-            peer.send(request)
-            kind, message, _ = honest.answer(peer)
-            assert kind != wire.ERROR, message
-        stage.call("rm", "-r", takes.folder(rig, take))
-    peer.close()
+    with lightstage.connect(rig.path("socket"), timeout=60) as client:
+        for _ in range(n):
+            take = client.follow(client.start("leak", PLAN)).id
+            assert client.show(take)["plan"]
+            assert client.verify(take).conditions_damaged == 0
+            assert client.fetch(take, "W", lights=[0]).pixels.shape == (1, 64, 64, 1)
+            stage.call("rm", "-r", takes.folder(rig, take))
 
 
 def connect(rig, n):
@@ -56,8 +45,8 @@ def connect(rig, n):
         peer = wire.Peer(rig.path("socket"))
         if k % 2:
             peer.send(wire.hello() + wire.frame(wire.STATUS, 2))
-            honest.answer(peer)
-            honest.answer(peer)
+            wire.answer(peer)
+            wire.answer(peer)
         peer.close()
 
 

@@ -25,7 +25,7 @@ def connects(path, n):
     for k in range(n):
         peer = wire.Peer(path)
         if k % 3 == 1:
-            honest.answer(peer) if peer.send(wire.hello()) else None
+            wire.answer(peer) if peer.send(wire.hello()) else None
         elif k % 3 == 2:
             peer.send(wire.hello()[:17])
         peer.close()
@@ -33,7 +33,7 @@ def connects(path, n):
 
 def floods(path, n):
     """Sends requests as fast as they are taken and reads nothing, until nothing more is taken."""
-    peer = honest.greeted(path)
+    peer = wire.greeted(path)
     peer.socket.settimeout(0.2)
     request = wire.frame(wire.STATUS, 7) + wire.frame(wire.TAKE_LIST, 8)
     sent = 0
@@ -44,7 +44,7 @@ def floods(path, n):
 
 def half_open(path):
     """Sends a request and says that nothing follows: the answer still comes, or the end."""
-    peer = honest.greeted(path)
+    peer = wire.greeted(path)
     peer.send(wire.frame(wire.STATUS, 3))
     peer.socket.shutdown(socket.SHUT_WR)
     head = peer.read(wire.HEADER.size)
@@ -101,7 +101,7 @@ def test_no_name_leads_out_of_the_storage(folder):
     take = status["id"]
     shutil.copytree(takes.folder(rig, take), rig.path("outside"))
     before = sorted(os.listdir(folder)), sorted(os.listdir(rig.path("outside")))
-    peer = honest.greeted(rig.path("socket"))
+    peer = wire.greeted(rig.path("socket"))
     names = OUT + (rig.path("outside"), f"{take}/../../outside", f"../takes/{take}", f"{take}/")
     write = wire.message(f1="12A").decode()
     requests = {"show": lambda name: wire.frame(wire.TAKE_SHOW, 1, wire.message(f1=name)),
@@ -122,7 +122,7 @@ def test_no_name_leads_out_of_the_storage(folder):
     for what, request in requests.items():
         for name in names:
             peer.send(request(name))
-            kind, message, _ = honest.answer(peer)
+            kind, message, _ = wire.answer(peer)
             assert kind == wire.ERROR, (what, name, hex(kind), message)
     peer.close()
     assert (sorted(os.listdir(folder)), sorted(os.listdir(rig.path("outside")))) == before

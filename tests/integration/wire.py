@@ -1,11 +1,13 @@
 """The protocol's bytes by hand, from proto/PROTOCOL.md, so that wrong ones can be sent too."""
 import socket
 import struct
+import zlib
 
 HEADER = struct.Struct("<4sHHIIIIQ")
 HELLO, STATUS, RIG, PREFLIGHT, TAKE_START, TAKE_PROGRESS, TAKE_ABORT = range(1, 8)
 TAKE_RESUME, TAKE_LIST, TAKE_SHOW, TAKE_VERIFY, FETCH, RELIGHT, BLANK, CANCEL = range(8, 16)
 REPLY, ERROR = 0x8000, 0xffff
+LAST = 1  # of a frame's flags
 
 
 def varint(value):
@@ -80,3 +82,24 @@ class Peer:
 
     def close(self):
         self.socket.close()
+
+
+def answer(peer):
+    """(kind, last message, crc of all payloads) of a request's frames up to the last one."""
+    crc = 0
+    while True:
+        head = peer.read(HEADER.size)
+        assert len(head) == HEADER.size, "the connection ended"
+        _, _, kind, flags, _, n, _, more = HEADER.unpack(head)
+        message = peer.read(n)
+        crc = zlib.crc32(peer.read(more), crc)
+        if flags & LAST:
+            return kind, message, crc
+
+
+def greeted(path):
+    peer = Peer(path)
+    peer.send(hello())
+    kind, _, _ = answer(peer)
+    assert kind == HELLO | REPLY, kind
+    return peer
