@@ -367,7 +367,8 @@ static void turn_down(const struct ls_call *call)
     const struct ls_peer *peer = ls_session_peer(call->session);
     char who[96], text[192];
     ls_peer_describe(peer, who, sizeof who);
-    g_message("%s, a reader, asked for %s", who, ls_message_name(call->type));
+    if (ls_session_first_refusal(call->session)) /* a flood of them must not fill the log */
+        g_message("%s, a reader, asked for %s", who, ls_message_name(call->type));
     snprintf(text, sizeof text, "%s is a reader here, and this %s takes an operator", who,
              ls_message_name(call->type));
     ls_session_error(call->session, call->id, LS_PROTO_NOT_ALLOWED, text);

@@ -28,6 +28,13 @@ struct ls_service *ls_session_service(const struct ls_session *session)
     return session->service;
 }
 
+bool ls_session_first_refusal(struct ls_session *session)
+{
+    bool first = !session->refused;
+    session->refused = true;
+    return first;
+}
+
 void ls_session_hold(struct ls_session *session)
 {
     session->refs++;

@@ -40,6 +40,9 @@ void ls_session_admit(struct ls_service *service, struct ls_transport *transport
 const struct ls_peer *ls_session_peer(const struct ls_session *session);
 struct ls_service *ls_session_service(const struct ls_session *session);
 
+/** True once: it asked for what its role does not allow. */
+bool ls_session_first_refusal(struct ls_session *session);
+
 /** Queue a reply: @body of @type, with LS_FRAME_LAST if @last. @payload (transfer full, malloc'd)
  * may be NULL. A body that does not fit a frame becomes an error 500. */
 void ls_session_reply(struct ls_session *session, uint32_t request, uint16_t type,

@@ -13,7 +13,7 @@ struct ls_session {
     struct ls_service *service;
     struct ls_peer peer;
     struct ls_traffic traffic;
-    bool greeted;
+    bool greeted, refused;   /* has said Hello; has asked for too much */
     bool closing;            /* an error is on its way out, then close */
     GQueue jobs;             /* waiting for their turn */
     struct ls_job *stepping; /* on a thread now */

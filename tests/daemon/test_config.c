@@ -106,6 +106,36 @@ static void test_the_work_light_is_a_channel_of_the_rig(struct fixture *f, gcons
     ls_config_destroy(c);
 }
 
+static void test_who_may_come_is_read(struct fixture *f, gconstpointer unused)
+{
+    struct ls_diag diag = {0};
+    char *text =
+        g_strconcat(daemon_conf,
+                    "access = { operator_uids = [0, 1000]; reader_gids = [44]; };\n"
+                    "listen = { certificate = \"s.pem\"; key = \"/etc/s.key\"; authority = "
+                    "\"a.pem\"; operators = [\"desk\"]; };",
+                    NULL);
+    struct ls_config *c = load(f, &diag);
+    g_assert_null(c->listen.address); /* no port unless asked for */
+    g_assert_false(c->access.listed);
+    ls_config_destroy(c);
+    write_file(f, "daemon.conf", text);
+    g_free(text);
+    c = load(f, &diag);
+    g_assert_cmpstr(diag.text, ==, "");
+    g_assert_cmpstr(c->listen.address, ==, "127.0.0.1");
+    g_assert_cmpuint(c->listen.port, ==, 7472);
+    g_assert_true(g_str_has_prefix(c->listen.certificate, f->dir));
+    g_assert_cmpstr(c->listen.key, ==, "/etc/s.key");
+    g_assert_true(c->access.listed);
+    const gid_t video[] = {44};
+    g_assert_cmpint(ls_access_unix(&c->access, 1000, NULL, 0), ==, LS_ROLE_OPERATOR);
+    g_assert_cmpint(ls_access_unix(&c->access, 1001, video, 1), ==, LS_ROLE_READER);
+    g_assert_cmpint(ls_access_unix(&c->access, 1001, NULL, 0), ==, LS_ROLE_NONE);
+    g_assert_cmpint(ls_access_certificate(&c->access, "desk"), ==, LS_ROLE_OPERATOR);
+    ls_config_destroy(c);
+}
+
 static void test_wrong_keys_and_values_are_refused(struct fixture *f, gconstpointer unused)
 {
     static const struct {
@@ -121,6 +151,15 @@ static void test_wrong_keys_and_values_are_refused(struct fixture *f, gconstpoin
         {"work_light = { channel = \"X\"; level = 9; }; ", "\"X\": the rig has no such channel"},
         {"work_light = { channel = \"R\"; }; ", "level"},
         {"work_light = { channel = \"R\"; level = 65536; }; ", "level: 65536: expected 1 to 65535"},
+        {"listen = { port = 0; }; ", "certificate: missing"},
+        {"listen = { certificate = \"c\"; authority = \"a\"; }; ", "key: missing"},
+        {"listen = { certificate = \"c\"; key = \"k\"; }; ", "authority: missing"},
+        {"listen = { certificate = \"c\"; key = \"k\"; authority = \"a\"; readers = [1]; }; ",
+         "readers: expected common names"},
+        {"access = { operator_uids = [\"root\"]; }; ", "expected numbers of users or groups"},
+        {"access = { reader_uids = [-1]; }; ", "expected numbers of users or groups"},
+        {"access = { readers = [1]; }; ", "unknown key readers"},
+        {"max_connections = 0; ", "max_connections: 0: expected 1 to 4096"},
     };
     for (size_t i = 0; i < G_N_ELEMENTS(cases); i++) {
         char *text = g_strconcat(daemon_conf, cases[i].daemon, NULL);
@@ -328,6 +367,7 @@ int main(int argc, char **argv)
     FIXED("/config/good-files-load", test_good_files_load);
     FIXED("/config/the-work-light-is-a-channel-of-the-rig",
           test_the_work_light_is_a_channel_of_the_rig);
+    FIXED("/config/who-may-come-is-read", test_who_may_come_is_read);
     FIXED("/config/wrong-keys-and-values-are-refused", test_wrong_keys_and_values_are_refused);
     FIXED("/config/wrong-rigs-are-refused-with-their-line",
           test_wrong_rigs_are_refused_with_their_line);
