@@ -5,9 +5,10 @@
  *
  * Promises: a client that is slow, stalled, hostile or gone never blocks ls-main and never touches
  * a capture. Memory per connection is bounded (one request of at most 64 KiB + max_payload bytes,
- * max_requests jobs, about 3 MiB of frames waiting); what a client cannot be given in time is
- * counted, and a client that takes nothing for stall_ms while something waits is closed, as is one
- * whose request is not whole stall_ms after its first byte.
+ * max_requests jobs, about 4 MiB of frames waiting, what is known of the tiles of one picture for
+ * each job); what a client cannot be given in time is counted, and a client that takes nothing for
+ * stall_ms while something waits is closed, as is one whose request is not whole stall_ms after its
+ * first byte.
  */
 #ifndef LS_DAEMON_SERVER_H
 #define LS_DAEMON_SERVER_H
