@@ -59,7 +59,7 @@ void ls_events_alarm(struct ls_events *events, enum ls_alarm_kind kind, bool act
 
 /* ---- who reads: ls-main ---- */
 
-/** Call @changed after something has happened; NULL: no more. One at a time. */
+/** Call @changed after something has happened, for as long as the loop runs. One at a time. */
 void ls_events_watch(struct ls_events *events, void (*changed)(void *user), void *user);
 
 /** How far somebody has read. Zeroed: nothing yet. */

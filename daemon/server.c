@@ -174,7 +174,6 @@ void ls_server_destroy(struct ls_server *server)
 {
     if (!server)
         return;
-    ls_events_watch(ls_engine_events(server->service.engine), NULL, NULL);
     if (server->accepting)
         g_source_remove(server->accepting);
     if (server->ticking)
