@@ -346,14 +346,21 @@ static void one_certificate_has_so_many_connections(void)
 
 /* ---- what is wrong with the daemon's own files ---- */
 
+static void no_take(void *user, const struct ls_take_status *status)
+{
+}
+
 static void refuses_to_listen(struct hall *hall, const char *words)
 {
     struct ls_server *server = NULL;
+    struct ls_engine *engine = NULL;
     struct ls_diag diag = {0};
     struct stage *stage = &hall->stage;
+    g_assert_cmpint(ls_engine_create(&stage->config, no_take, NULL, &engine, &diag), ==, LS_OK);
     stage->limits.socket_path = stage->socket_path;
     stage->limits.storage = stage->storage;
-    g_assert_cmpint(ls_server_create(&stage->limits, NULL, &server, &diag), !=, LS_OK);
+    g_assert_cmpint(ls_server_create(&stage->limits, engine, &server, &diag), !=, LS_OK);
+    ls_engine_destroy(engine);
     if (!strstr(diag.text, words))
         g_error("\"%s\" does not say \"%s\"", diag.text, words);
 }
