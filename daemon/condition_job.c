@@ -275,6 +275,7 @@ enum ls_err ls_condition_job_create(uint32_t request, const char *storage,
     self->job = (struct ls_job){.ops = &ops, .request = request};
     self->storage = storage;
     snprintf(self->take_id, sizeof self->take_id, "%s", fetch->take);
+    self->job.take = self->take_id;
     self->camera = fetch->camera;
     self->half = fetch->sample == LIGHTSTAGE__SAMPLE__HALF;
     self->quality = ls_pixel_quality_of(fetch);

@@ -699,6 +699,7 @@ enum ls_err ls_fetch_job_create(uint32_t request, struct ls_field_cache *cache,
     self->job = (struct ls_job){.ops = &ops, .request = request};
     self->cache = cache;
     snprintf(self->take, sizeof self->take, "%s", fetch->take);
+    self->job.take = self->take;
     snprintf(self->channel_name, sizeof self->channel_name, "%s", fetch->channel);
     self->camera = fetch->camera;
     self->full_sphere = fetch->full_sphere;

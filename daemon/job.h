@@ -36,6 +36,7 @@ struct ls_job_ops {
 struct ls_job {
     const struct ls_job_ops *ops;
     uint32_t request;
+    const char *take;         /* it is of, (transfer none); NULL: of none */
     int cancelled;            /* atomic */
     bool counts_credit;       /* else it may always send */
     uint64_t credit;          /* atomic: bytes of payload it may still send */

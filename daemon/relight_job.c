@@ -347,6 +347,7 @@ enum ls_err ls_relight_job_create(uint32_t request, struct ls_field_cache *cache
     self->job = (struct ls_job){.ops = &ops, .request = request};
     self->cache = cache;
     snprintf(self->take, sizeof self->take, "%s", relight->take);
+    self->job.take = self->take;
     self->camera = relight->camera;
     self->mode = relight->mode;
     self->n_names = (uint32_t)relight->n_channels;

@@ -1,6 +1,9 @@
 #include "daemon/session_private.h"
 
+#include "daemon/take_reply.h"
+
 #include <stdio.h>
+#include <string.h>
 
 static void drop_job(gpointer data)
 {
@@ -34,13 +37,25 @@ static bool send_frame(void *user, struct ls_job *job, struct ls_chunk *chunk)
     return ls_traffic_send(&session->traffic, chunk) && !credit_ends;
 }
 
+/* What it lacks may come yet. */
+static bool is_of_running_take(const struct ls_session *session, const struct ls_job *job)
+{
+    const struct ls_take_status *take = &session->service->take;
+    return job->take && !ls_take_ended(take) && strcmp(job->take, take->id) == 0;
+}
+
 static void tell_failure(struct ls_session *session, struct ls_job *job,
                          const struct ls_job_result *result)
 {
-    if (ls_job_cancelled(job))
+    if (ls_job_cancelled(job)) {
         ls_session_error(session, job->request, LS_PROTO_CANCELLED, "cancelled by the client");
-    else
+    } else if (result->err == LS_ERR_STATE && is_of_running_take(session, job)) {
+        struct ls_diag diag;
+        ls_fail(&diag, LS_ERR_STATE, "not yet, the take still runs: %.450s", result->diag.text);
+        ls_session_fail(session, job->request, LS_ERR_STATE, LS_PROTO_ABOUT_REQUEST, &diag);
+    } else {
         ls_session_fail(session, job->request, result->err, LS_PROTO_ABOUT_STORAGE, &result->diag);
+    }
 }
 
 static void on_step(void *user, struct ls_job *job, struct ls_job_result *result)

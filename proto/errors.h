@@ -26,7 +26,7 @@ enum ls_proto_error {
     LS_PROTO_OVER_LIMIT = 109,      /* a documented limit of a request */
     LS_PROTO_NOT_ALLOWED = 110,     /* not with this client's role; with none (closes) */
     /* 2xx: right request, wrong moment or wrong name */
-    LS_PROTO_WRONG_STATE = 200,
+    LS_PROTO_WRONG_STATE = 200, /* also: the take still runs, and lacks what was asked for */
     LS_PROTO_BUSY = 201, /* another take runs */
     LS_PROTO_NOT_FOUND = 202,
     LS_PROTO_EXISTS = 203,

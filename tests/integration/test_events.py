@@ -1,0 +1,87 @@
+#!/usr/bin/python3 -B
+"""What is told while a take runs, and that what is told of can be had at once, as it stays."""
+import json
+import subprocess
+
+import harness
+import takes
+
+CHANNELS = "WR"
+PLAN = """subject = "still"; exposures_us = [500, 2500, 12500]; darks = 8; reference = { every = 0; };
+conditions = ( { kind = "each"; channels = ["W", "R"]; order = "given"; } );
+"""
+
+
+def read(path):
+    with open(path, "rb") as file:
+        return file.read()
+
+
+class Listener:
+    """lightstagectl events, line by line."""
+
+    def __init__(self, rig, *options):
+        self.process = subprocess.Popen(takes.ctl(rig, "events", "--json", *options),
+                                        stdout=subprocess.PIPE, text=True)
+
+    def next(self, kind):
+        """The next event of a kind, and what came before it."""
+        for line in self.process.stdout:
+            event = json.loads(line)
+            if event["event"] == kind:
+                return event
+        raise AssertionError("lightstagectl events has ended")
+
+    def stop(self):
+        self.process.terminate()
+        self.process.wait(10)
+        self.process.stdout.close()
+
+
+def fetch(rig, event, name):
+    """A single light's picture: (exit code, its bytes, what was said)."""
+    code, _, err = takes.ask(rig, "fetch", event["take"], "--channel", event["channel"], "--lights",
+                             str(event["light"]), "--estimate", "--half", "--output", rig.path(name))
+    path = rig.path(f"{name}.{event['light'] + 1:04d}.exr")
+    return code, read(path) if code == 0 else b"", err
+
+
+def test_a_picture_fetched_at_its_event_is_the_picture_after_the_end(folder):
+    rig = harness.twelve(folder, size=128, channels=CHANNELS).start()
+    events, ends = Listener(rig, "--published"), Listener(rig, "--progress")
+    takes.begin(rig, PLAN)
+    early, told = {}, []
+    while len(told) < 24:
+        event = events.next("published")
+        told.append((event["channel"], event["light"]))
+        assert event["condition"] == f"{event['channel']}-{event['light']:04d}", event
+        assert event["camera"] == 0, event
+        if len(told) == 1:  # the last of its channel: not there, and not called lost
+            code, _, err = fetch(rig, dict(event, light=11), "last")
+            running = rig.ask("status")["take"]["state"] == "running"
+            assert code == 5 and "still runs" in err and "light 11" in err, (code, err)
+            assert running, "the take was over before anything could be fetched: make it longer"
+        if len(told) in (1, 2, 9):
+            code, picture, err = fetch(rig, event, "early")
+            assert code == 0 and picture, err
+            early[len(told)] = (event, picture)
+    assert sorted(told) == sorted((c, i) for c in CHANNELS for i in range(12)), told
+    state = "running"
+    while state in ("none", "preparing", "running"):
+        state = ends.next("progress")["state"]
+    assert state == "complete", state
+    for event, picture in early.values():
+        code, late, err = fetch(rig, event, "late")
+        assert code == 0 and late == picture, (event, err)
+    events.stop()
+    ends.stop()
+
+    # who comes when it is over is told all of it
+    late = Listener(rig)
+    assert sorted((e["channel"], e["light"]) for e in
+                  (late.next("published") for _ in range(24))) == sorted(told)
+    late.stop()
+
+
+if __name__ == "__main__":
+    harness.main(globals())
