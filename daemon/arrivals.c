@@ -12,7 +12,7 @@
 #include <sys/socket.h>
 #include <unistd.h>
 
-enum { MAX_ARRIVALS = 32, MAX_LINES = 10 };
+enum { MAX_ARRIVALS = 32 };
 
 struct ls_arrivals {
     struct ls_service *service;
@@ -20,9 +20,7 @@ struct ls_arrivals {
     int fd;
     guint accepting;
     char address[64];
-    int64_t second_us; /* when it began */
-    unsigned said;     /* lines since */
-    GQueue list;       /* struct arrival, the first to come first */
+    GQueue list; /* struct arrival, the first to come first */
 };
 
 struct arrival {
@@ -52,23 +50,9 @@ static void leave(struct arrival *arrival)
         hang_up(arrival);
 }
 
-/* Whoever knocks writes into the log: ten lines a second, and how many were left out. */
-static void say(struct ls_arrivals *arrivals, const char *from, const char *why)
-{
-    int64_t now_us = g_get_monotonic_time();
-    if (now_us - arrivals->second_us >= G_USEC_PER_SEC) {
-        if (arrivals->said > MAX_LINES)
-            g_message("%u more were turned away", arrivals->said - MAX_LINES);
-        arrivals->second_us = now_us;
-        arrivals->said = 0;
-    }
-    if (arrivals->said++ < MAX_LINES)
-        g_message("%s is turned away: %s", from, why);
-}
-
 static void turn_away(struct arrival *arrival, const char *why)
 {
-    say(arrival->arrivals, arrival->from, why);
+    ls_lines_turned_away(&arrival->arrivals->service->strangers, arrival->from, why);
     leave(arrival);
 }
 

@@ -8,6 +8,7 @@
 #include "daemon/engine.h"
 #include "daemon/field_cache.h"
 #include "daemon/job.h"
+#include "daemon/lines.h"
 #include "daemon/memfds.h"
 #include "daemon/server.h"
 #include "daemon/stored_tiles.h"
@@ -25,7 +26,8 @@ struct ls_service {
     GList *sessions;            /* struct ls_session */
     unsigned n_sessions;
     uint64_t stalled_closed, events_skipped, pictures_skipped, credit_waits;
-    guint looking;    /* live.h: source, 0 = nobody looks */
+    struct ls_lines strangers; /* who was turned away */
+    guint looking;             /* live.h: source, 0 = nobody looks */
 };
 
 #endif

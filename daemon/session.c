@@ -329,7 +329,7 @@ void ls_session_admit(struct ls_service *service, struct ls_transport *transport
     char who[96], text[192];
     ls_peer_describe(peer, who, sizeof who);
     if (peer->role == LS_ROLE_NONE) {
-        g_message("%s is turned away: neither an operator nor a reader", who);
+        ls_lines_turned_away(&service->strangers, who, "neither an operator nor a reader");
         snprintf(text, sizeof text,
                  "%s is neither an operator nor a reader of this daemon; its configuration says "
                  "who is",
