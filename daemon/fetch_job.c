@@ -28,6 +28,7 @@ struct fetch_job {
     bool started, full_sphere, rgb, mono, estimate, half; /* mono: by way of rgb */
     struct ls_pixel_quality quality;
     struct ls_tiles tiles;
+    const uint16_t *ratio_tiles; /* of promoted halves that are made tile by tile; or NULL */
     struct ls_reduction reduction;
     struct ls_factored factored;
     struct ls_demosaic_region asked, region, /* region: what is sent of the picture at hand, in its
@@ -328,6 +329,17 @@ static enum ls_err read_mosaic(const struct fetch_job *self, const struct pictur
     return sends_halves(self) ? halve(chunk, (size_t)r.width * r.height, diag) : LS_OK;
 }
 
+/* @r is a tile, if anything is known of tiles; else NULL. */
+static const uint16_t *ratio_of_tile(const struct fetch_job *self,
+                                     const struct ls_demosaic_region *r)
+{
+    const struct ls_field *field = &self->source->field;
+    size_t number = (size_t)r->y / LS_TILE_SIDE * ls_field_tiles_x(field) + r->x / LS_TILE_SIDE;
+    return self->ratio_tiles
+               ? self->ratio_tiles + number * LS_TILE_SIDE * LS_TILE_SIDE * field->n_channels
+               : NULL;
+}
+
 /* Values of a band of one picture as they go over the wire. */
 static enum ls_err make_payload(const struct fetch_job *self, const struct picture *picture,
                                 struct ls_demosaic_region r, uint32_t components,
@@ -350,6 +362,7 @@ static enum ls_err make_payload(const struct fetch_job *self, const struct pictu
     if (promoted_as_halves(self)) {
         band.ratio = map->values + ((size_t)r.y * self->source->width + r.x) * map->depth;
         band.ratio_stride = (size_t)self->source->width * map->depth;
+        band.ratio_halves = ratio_of_tile(self, &r);
     }
     return sends_halves(self) ? ls_rgb_band_halves(&band, (uint16_t *)(void *)chunk->payload, diag)
                               : ls_rgb_band_floats(&band, (float *)(void *)chunk->payload, diag);
@@ -516,6 +529,12 @@ static enum ls_err make_band(struct fetch_job *self, const struct picture *pictu
 
 /* ---- in tiles ---- */
 
+/* Each pixel is made of those around it alone. */
+static bool by_pixel(const struct fetch_job *self)
+{
+    return !ls_reduction_any(&self->reduction) && (!promoted(self) || promoted_as_halves(self));
+}
+
 /* Nothing is done to the picture. */
 static bool as_stored(const struct fetch_job *self)
 {
@@ -534,12 +553,6 @@ static enum ls_err lend_tiles(struct fetch_job *self, const struct picture *pict
     const struct ls_tiles_holder holder = {release_source, self->cache, self->source};
     ls_field_cache_share(self->cache, self->source);
     return ls_tiles_lend(&self->tiles, picture->map, &holder, chunk, body, diag);
-}
-
-/* Each pixel is made of those around it alone. */
-static bool by_pixel(const struct fetch_job *self)
-{
-    return !ls_reduction_any(&self->reduction) && (!promoted(self) || promoted_as_halves(self));
 }
 
 struct tile_maker {
@@ -585,6 +598,8 @@ static enum ls_err begin_tiles(struct fetch_job *self, uint32_t components, bool
                        ls_level_size(self->source->height, self->reduction.level),
                        components * (self->half ? 2 : sizeof(float)), &self->region, diag);
     *any = !err && self->region.height > 0;
+    if (*any && by_pixel(self) && promoted_as_halves(self))
+        self->ratio_tiles = ls_field_maps_halves(self->source, self->way.map);
     if (!err && !*any) {
         next_picture(self);
         if (self->light == self->n_lights)

@@ -1,5 +1,6 @@
 #include "daemon/field_maps.h"
 
+#include "core/half.h"
 #include "core/mono_blend.h"
 #include "core/promote.h"
 #include "daemon/field_segments.h"
@@ -14,7 +15,7 @@
 
 struct entry {
     struct ls_field_map map; /* values NULL: not made */
-    struct ls_map_file file;
+    struct ls_map_file file, halves;
 };
 
 struct ls_field_maps {
@@ -38,6 +39,7 @@ enum ls_err ls_field_maps_create(struct ls_field_maps **out, struct ls_diag *dia
 static void entry_finish(struct entry *entry)
 {
     ls_map_file_finish(&entry->file);
+    ls_map_file_finish(&entry->halves);
     free(entry->map.phi);
     *entry = (struct entry){0};
 }
@@ -627,4 +629,41 @@ enum ls_err ls_field_maps_get(struct ls_field_source *source, enum ls_field_map_
         err = ls_field_source_sound(source, false, diag);
     *out = map;
     return err;
+}
+
+/* ---- in halves ---- */
+
+enum { SIDE = LS_TILE_SIDE };
+
+static void halve_tile(const struct ls_field *field, const float *values, uint32_t x, uint32_t y,
+                       uint16_t *out)
+{
+    uint32_t w = field->width - x < SIDE ? field->width - x : SIDE;
+    uint32_t h = field->height - y < SIDE ? field->height - y : SIDE;
+    size_t row = (size_t)w * field->n_channels, stride = (size_t)field->width * field->n_channels;
+    for (uint32_t r = 0; r < h; r++)
+        ls_half_from_floats(values + (y + r) * stride + (size_t)x * field->n_channels,
+                            out + r * row, row);
+}
+
+static void halve(const struct ls_field *field, const float *values, uint16_t *out)
+{
+    for (uint32_t y = 0; y < field->height; y += SIDE)
+        for (uint32_t x = 0; x < field->width; x += SIDE, out += SIDE * SIDE * field->n_channels)
+            halve_tile(field, values, x, y, out);
+}
+
+const uint16_t *ls_field_maps_halves(struct ls_field_source *source, const struct ls_field_map *map)
+{
+    const struct ls_field *field = &source->field;
+    struct entry *entry = (struct entry *)map; /* its first member */
+    size_t n =
+        (size_t)ls_field_tiles_x(field) * ls_field_tiles_y(field) * SIDE * SIDE * field->n_channels;
+    g_mutex_lock(&source->promoted->lock);
+    if (!entry->halves.base && !ls_map_file_create(&entry->halves, source->storage,
+                                                   n * sizeof(uint16_t), source->spare_bytes, NULL))
+        halve(field, map->values, entry->halves.base);
+    const uint16_t *halves = entry->halves.base;
+    g_mutex_unlock(&source->promoted->lock);
+    return halves;
 }

@@ -68,6 +68,13 @@ LS_MUST_CHECK enum ls_err ls_field_maps_get(struct ls_field_source *source,
                                             const struct ls_job *asker,
                                             const struct ls_field_map **out, struct ls_diag *diag);
 
+/** The nearest halves of a map of ratios, tile after tile of 64 x 64 pixels as a picture's are,
+ * each [64][64][n_channels] long and, where the picture's edge cuts it, [height][width][n_channels]
+ * of that. Made by the first call, 6 bytes a pixel (mono: 2) in a file beside the map's. NULL:
+ * there is no room for it. (transfer none). */
+const uint16_t *ls_field_maps_halves(struct ls_field_source *source,
+                                     const struct ls_field_map *map);
+
 /** NULL is allowed. */
 void ls_field_maps_destroy(struct ls_field_maps *maps);
 

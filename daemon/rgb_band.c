@@ -67,11 +67,12 @@ static enum ls_err promoted_halves(const struct ls_rgb_band *band, uint16_t *out
     LS_CLEANUP_FREE uint16_t *room = malloc(2 * n * sizeof *room);
     if (!room)
         return out_of_memory(diag);
-    uint16_t *ratio = room + n;
+    const uint16_t *ratio = band->ratio_halves ? band->ratio_halves : room + n;
     enum ls_err err = white_halves(band, room, diag);
     if (err)
         return err;
-    ratio_halves(band, ratio);
+    if (!band->ratio_halves)
+        ratio_halves(band, room + n);
     ls_factored_expand(room, (float)band->gain, ratio, n, out);
     return LS_OK;
 }

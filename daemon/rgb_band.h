@@ -27,6 +27,7 @@ struct ls_rgb_band {
     double gain;
     const float *ratio;  /* [region.height][region.width][n_channels], halves only; NULL = 1 */
     size_t ratio_stride; /* floats from row to row */
+    const uint16_t *ratio_halves; /* the same as its nearest halves, without gaps; or NULL */
 };
 
 /** out[region.height][region.width][n_channels]. Errors: LS_ERR_NOMEM. */
