@@ -123,6 +123,30 @@ def test_a_factored_fetch_expands_to_what_the_daemon_sends_as_halves(folder):
     stage.close()
 
 
+def test_pictures_are_fetched_while_their_take_runs(folder):
+    rig = harness.twelve(folder).start()
+    seen = {}
+    with lightstage.connect(rig.path("socket"), timeout=60) as stage:
+        events = stage.events(published=True, progress=True)
+        first = next(events)  # where things stand
+        assert first.progress.state == lightstage.messages.NONE, first
+        begun = stage.start("vase", takes.LONG)
+        for event in events:
+            for picture in event.published:
+                if picture.single_light and len(seen) < 3:
+                    seen[picture.channel, picture.light] = stage.fetch(
+                        event.take, picture.channel, lights=[picture.light], quantity="estimate").pixels
+            if event.HasField("progress") and len(seen) == 3:
+                break
+        assert event.progress.state == lightstage.messages.RUNNING, event  # three of 48 are there
+        events.close()
+        take = stage.follow(begun)
+        assert take.state == lightstage.messages.COMPLETE, take
+        for (channel, light), pixels in seen.items():
+            whole = stage.fetch(take.id, channel, lights=[light], quantity="estimate").pixels
+            assert np.array_equal(pixels, whole), (channel, light)
+
+
 LISTEN = """listen = { port = 0; certificate = "pki/server.pem"; key = "pki/server.key";
                             authority = "pki/authority.pem"; operators = ["operator"];
                             readers = ["reader"]; };"""

@@ -138,6 +138,15 @@ class Stage:
             for answer in request:
                 yield answer.message
 
+    def events(self, *, progress: bool = False, published: bool = False,
+               alarms: bool = False) -> Iterator[messages.EventsReply]:
+        """What happens, as it does, until the iterator is closed: the progress of takes, pictures
+        that may be fetched from now on, alarms. None named: all of them."""
+        ask = messages.Events(progress=progress, published=published, alarms=alarms)
+        with self._connection.request(wire.EVENTS, ask) as request:
+            for answer in request:
+                yield answer.message
+
     def follow(self, take: messages.TakeStatus) -> messages.TakeStatus:
         """Wait for the end of a take that start() or resume() began; how it ended."""
         for take in self.progress(take.token):
