@@ -3,9 +3,11 @@
 An exception may come at any moment (Ctrl-C, an alarm), also in the middle of a frame; what was
 received and sent until then must be known all the same, or nothing after it can be understood. So a
 count is recorded by the very call that receives: list.extend(map(...)) is one step of the
-interpreter, between whose parts no signal handler runs.
+interpreter, between whose parts no signal handler runs. Python's ssl module runs them after it has
+read, and forgets how much: a thread does it, where signal handlers never run.
 """
 import collections
+import concurrent.futures
 import select
 import socket
 import ssl
@@ -65,18 +67,33 @@ class Part:
         return memoryview(b"")
 
 
+def advance(part: Part, act: Callable[[memoryview], int]) -> None:
+    while rest := part.rest():
+        part.counts.extend(map(act, (rest,)))
+        if not part.counts[-1]:
+            raise Lost("the connection to the daemon is lost")
+
+
+def try_advance(part: Part, act: Callable[[memoryview], int]) -> bool:
+    """False: an encrypted connection must be waited for."""
+    try:
+        advance(part, act)
+    except (ssl.SSLWantReadError, ssl.SSLWantWriteError):
+        return False
+    return True
+
+
 class Link:
     """Not blocking: progress() does what can be done, wait() waits until more can."""
 
     def __init__(self, connected: socket.socket, timeout: Optional[float]):
         self.socket, self.timeout = connected, timeout
         connected.setblocking(False)
-        # SSLSocket's methods are written in Python, where an exception may lose a count
-        inner = connected._sslobj if isinstance(connected, ssl.SSLSocket) else None  # type: ignore
-        self._write: Callable[[memoryview], int] = inner.write if inner else connected.send
-        self._read: Callable[..., int] = inner.read if inner else connected.recv_into
-        self._read_takes_length = inner is not None
         self._takes_fds = connected.family == socket.AF_UNIX
+        self._thread: Optional[concurrent.futures.ThreadPoolExecutor] = None
+        if isinstance(connected, ssl.SSLSocket):
+            self._thread = concurrent.futures.ThreadPoolExecutor(1, "lightstage-tls")
+            self._thread.submit(int).result()  # it is there: nothing starts a second one
         self._out: Deque[Part] = collections.deque()
         self._begin()
 
@@ -86,16 +103,20 @@ class Link:
         self._part = Part(memoryview(self._header))
         self._receive: Callable[[Place], None] = self._receive_header
 
+    # ---- a part ----
+
+    def _move(self, part: Part, act: Callable[[memoryview], int]) -> None:
+        """As much of it as goes now; BlockingIOError if that is not all."""
+        if self._thread is None:
+            advance(part, act)
+        # an interrupted wait leaves its step to be done before the next: counts are right after each
+        elif not self._thread.submit(try_advance, part, act).result():
+            raise BlockingIOError
+
     # ---- in ----
 
     def _fill(self, part: Part) -> None:
-        while rest := part.rest():
-            if self._read_takes_length:
-                part.counts.extend(map(self._read, (len(rest),), (rest,)))
-            else:
-                part.counts.extend(map(self._read, (rest,)))
-            if not part.counts[-1]:
-                raise Lost("the connection to the daemon is lost")
+        self._move(part, self.socket.recv_into)
 
     def _receive_header(self, place: Place) -> None:
         part = self._part
@@ -134,7 +155,7 @@ class Link:
         try:
             while self._receive != self._hand_over:
                 self._receive(place)
-        except (BlockingIOError, ssl.SSLWantReadError, ssl.SSLWantWriteError):
+        except BlockingIOError:
             return False
         except OSError as wrong:
             raise Lost(f"the connection to the daemon is lost: {wrong}") from wrong
@@ -155,11 +176,10 @@ class Link:
         try:
             while self._out:
                 part = self._out[0]
-                while rest := part.rest():
-                    part.counts.extend(map(self._write, (rest,)))
+                self._move(part, self.socket.send)
                 if self._out[0] is part:
                     self._out.popleft()
-        except (BlockingIOError, ssl.SSLWantReadError, ssl.SSLWantWriteError):
+        except BlockingIOError:
             return False
         except OSError as wrong:
             raise Lost(f"the connection to the daemon is lost: {wrong}") from wrong
@@ -175,4 +195,6 @@ class Link:
             raise TimeoutError(f"the daemon said nothing for {self.timeout:g} s")
 
     def close(self) -> None:
+        if self._thread:
+            self._thread.shutdown()
         self.socket.close()
