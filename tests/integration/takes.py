@@ -117,6 +117,37 @@ def ended(rig, token="begun"):
     return code, status
 
 
+class Events:
+    """lightstagectl events, line by line."""
+
+    def __init__(self, rig, *options):
+        self.process = subprocess.Popen(ctl(rig, "events", "--json", *options),
+                                        stdout=subprocess.PIPE, text=True,
+                                        preexec_fn=stage.die_with_parent)
+
+    def next(self, kind):
+        """The next event of a kind, and what came before it."""
+        for line in self.process.stdout:
+            event = json.loads(line)
+            if event["event"] == kind:
+                return event
+        raise AssertionError("lightstagectl events has ended")
+
+    def stop(self):
+        self.process.terminate()
+        self.process.wait(10)
+        self.process.stdout.close()
+
+
+def alarm(rig):
+    """The first alarm that is on, as it is told to who comes late."""
+    events = Events(rig, "--alarms")
+    event = events.next("alarm")
+    events.stop()
+    assert event["active"], event
+    return event
+
+
 def fire(rig, number):
     """Wait until the simulator has exposed so many frames since its start."""
     harness.wait_for(f"{number} pulses fired", lambda: exposures(rig) >= number)

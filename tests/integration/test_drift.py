@@ -58,6 +58,9 @@ def test_a_drift_of_one_and_a_half_percent_is_an_alarm(folder):
     for f, t in zip(found, true):  # the worst colour decides, and an error is 0.1 %
         assert f["alarm"] == (t < -0.01) or abs(t + 0.01) < 0.003, (found, true)
     assert len(alarms) == sum(f["alarm"] for f in found), alarms
+    told = takes.alarm(rig)
+    assert (told["kind"], told["take"]) == ("drift", status["id"]), told
+    takes.says(told["text"], "reference-W-0")
     takes.says(alarms[-1], "light drift: camera front: (red|green|blue) of reference-W-04 is -1",
                "allowed 1 %", "warm up")
     assert status["drift"]["alarm"] and status["drift"]["text"] == alarms[-1], status

@@ -1,8 +1,5 @@
 #!/usr/bin/python3 -B
 """What is told while a take runs, and that what is told of can be had at once, as it stays."""
-import json
-import subprocess
-
 import harness
 import takes
 
@@ -17,27 +14,6 @@ def read(path):
         return file.read()
 
 
-class Listener:
-    """lightstagectl events, line by line."""
-
-    def __init__(self, rig, *options):
-        self.process = subprocess.Popen(takes.ctl(rig, "events", "--json", *options),
-                                        stdout=subprocess.PIPE, text=True)
-
-    def next(self, kind):
-        """The next event of a kind, and what came before it."""
-        for line in self.process.stdout:
-            event = json.loads(line)
-            if event["event"] == kind:
-                return event
-        raise AssertionError("lightstagectl events has ended")
-
-    def stop(self):
-        self.process.terminate()
-        self.process.wait(10)
-        self.process.stdout.close()
-
-
 def fetch(rig, event, name):
     """A single light's picture: (exit code, its bytes, what was said)."""
     code, _, err = takes.ask(rig, "fetch", event["take"], "--channel", event["channel"], "--lights",
@@ -48,7 +24,7 @@ def fetch(rig, event, name):
 
 def test_a_picture_fetched_at_its_event_is_the_picture_after_the_end(folder):
     rig = harness.twelve(folder, size=128, channels=CHANNELS).start()
-    events, ends = Listener(rig, "--published"), Listener(rig, "--progress")
+    events, ends = takes.Events(rig, "--published"), takes.Events(rig, "--progress")
     takes.begin(rig, PLAN)
     early, told = {}, []
     while len(told) < 24:
@@ -77,7 +53,7 @@ def test_a_picture_fetched_at_its_event_is_the_picture_after_the_end(folder):
     ends.stop()
 
     # who comes when it is over is told all of it
-    late = Listener(rig)
+    late = takes.Events(rig)
     assert sorted((e["channel"], e["light"]) for e in
                   (late.next("published") for _ in range(24))) == sorted(told)
     late.stop()

@@ -122,12 +122,17 @@ def test_an_open_interlock_leaves_the_lights_dark_and_a_resumable_take(folder):
     code, status, err = takes.photograph(rig)
     assert code == 1 and status["state"] == "failed", (code, status, err)
     takes.says(status["message"], "interlock open", "resume the take")
+    assert takes.alarm(rig).items() >= {"kind": "fault", "take": status["id"],
+                                        "text": status["message"]}.items()
     lit = [e for e in harness.shown(rig) if e["kind"] != "dark"]
     assert max(e["step"] for e in lit) == 29, "lit after the interlock opened"
     lights = takes.lights_status(rig)
     assert lights["state"] != "armed", lights
     harness.wait_for("the interlock is closed again", lambda: resumed(rig, status["id"]))
     takes.is_good(rig, status["id"])
+    events = takes.Events(rig, "--published")  # what was there before is told with the rest
+    assert len({events.next("published")["condition"] for _ in range(18)}) == 18
+    events.stop()
 
 
 def resumed(rig, take, cause="interlock"):

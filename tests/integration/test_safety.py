@@ -53,8 +53,14 @@ def test_a_hot_dome_pauses_the_take_and_an_overheated_one_ends_it(folder):
     rig = harness.twelve(folder, '{ kind = "heat"; at = 30; value = 300; }, '
                                  '{ kind = "overheat"; at = 45; }',
                          scene="stamp", daemon_extra=WORK).start()
+    events, told = takes.Events(rig, "--alarms"), []
     code, status, err = takes.photograph(rig)
     assert code == 1 and status["state"] == "failed", (code, status, err)
+    while ("fault", True) not in told:
+        event = events.next("alarm")
+        told.append((event["kind"], event["active"]))
+    events.stop()
+    assert told == [("hot", True), ("hot", False), ("fault", True)], told
     takes.says(status["message"], "over-temperature", "step 45", "resume the take")
     lights = takes.lights_status(rig)
     assert "work light" not in lights["now"], lights

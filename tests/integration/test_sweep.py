@@ -60,6 +60,9 @@ def test_dead_and_dim_leds_are_named_and_no_others(folder):
     assert names(checks["leds"]["dim"]) == ["W-0021"], checks["leds"]
     assert abs(checks["leds"]["dim"][0]["share"] - 0.4) < 0.1, checks["leds"]["dim"]
     takes.says(message, "1 LEDs give no light: R-0007", "1 LEDs are dim: W-0021")
+    told = takes.alarm(rig)
+    assert told["kind"] == "sweep", told
+    takes.says(told["text"], "1 LEDs give no light: R-0007")
     alarms = [a for a in alarms if "packets" not in a]  # a busy machine's
     assert alarms == checks["warnings"] and len(alarms) == 2, alarms
     swept = rig.takes()[-1]["id"]
