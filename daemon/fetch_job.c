@@ -340,7 +340,8 @@ static const uint16_t *ratio_of_tile(const struct fetch_job *self,
                : NULL;
 }
 
-/* Values of a band of one picture as they go over the wire. */
+/* Values of a band of one picture as they go over the wire; into @chunk's payload, if it has room.
+ */
 static enum ls_err make_payload(const struct fetch_job *self, const struct picture *picture,
                                 struct ls_demosaic_region r, uint32_t components,
                                 struct ls_chunk *chunk, struct ls_diag *diag)
@@ -348,7 +349,8 @@ static enum ls_err make_payload(const struct fetch_job *self, const struct pictu
     const struct ls_field_map *map = self->way.map;
     struct ls_rgb_band band = {
         .field = &self->source->field, .map = picture->map, .region = r, .gain = picture->gain};
-    chunk->payload = malloc((size_t)r.width * r.height * components * sizeof(float));
+    if (!chunk->payload)
+        chunk->payload = malloc((size_t)r.width * r.height * components * sizeof(float));
     if (!chunk->payload)
         return ls_fail(diag, LS_ERR_NOMEM, "out of memory");
     if (!self->rgb)
@@ -561,13 +563,19 @@ struct tile_maker {
     uint32_t components;
 };
 
-static enum ls_err make_tile(void *user, struct ls_demosaic_region region, uint8_t **values,
+/* RGB is made where it belongs. */
+static enum ls_err make_tile(void *user, struct ls_demosaic_region region, uint8_t *out,
                              struct ls_diag *diag)
 {
     const struct tile_maker *m = user;
-    struct ls_chunk chunk = {0};
+    size_t n = (size_t)region.width * region.height * m->components;
+    struct ls_chunk chunk = {.payload = m->job->rgb ? out : NULL};
     enum ls_err err = make_payload(m->job, m->picture, region, m->components, &chunk, diag);
-    *values = chunk.payload;
+    if (chunk.payload == out)
+        return err;
+    if (!err)
+        memcpy(out, chunk.payload, n * (m->job->half ? 2 : sizeof(float)));
+    free(chunk.payload);
     return err;
 }
 

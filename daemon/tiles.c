@@ -304,7 +304,7 @@ struct making {
     ls_tiles_maker *make;
     void *user;
     uint32_t from;
-    uint8_t *bytes; /* of all, zeroed */
+    uint8_t *bytes; /* of all */
 };
 
 static struct ls_demosaic_region region_of(const struct ls_tiles *tiles, uint32_t number)
@@ -315,17 +315,29 @@ static struct ls_demosaic_region region_of(const struct ls_tiles *tiles, uint32_
                                        tiles->height - y < SIDE ? tiles->height - y : SIDE};
 }
 
+/* A tile that the picture's edge cuts. */
+static enum ls_err make_part(const struct making *m, struct ls_demosaic_region r, uint8_t *tile,
+                             struct ls_diag *diag)
+{
+    size_t line = SIDE * m->tiles->pixel_bytes, row = r.width * m->tiles->pixel_bytes;
+    LS_CLEANUP_FREE uint8_t *part = malloc(r.height * row);
+    if (!part)
+        return out_of_memory(diag);
+    enum ls_err err = m->make(m->user, r, part, diag);
+    memset(tile, 0, SIDE * line);
+    for (uint32_t y = 0; y < r.height && !err; y++)
+        memcpy(tile + y * line, part + y * row, row);
+    return err;
+}
+
 static enum ls_err make_one(void *user, uint32_t item, unsigned thread, struct ls_diag *diag)
 {
     const struct making *m = user;
     struct ls_tiles *tiles = m->tiles;
     const struct ls_demosaic_region r = region_of(tiles, tiles->number[m->from + item]);
-    size_t line = SIDE * tiles->pixel_bytes, row = r.width * tiles->pixel_bytes;
     uint8_t *tile = m->bytes + item * tile_bytes(tiles);
-    LS_CLEANUP_FREE uint8_t *values = NULL;
-    enum ls_err err = m->make(m->user, r, &values, diag);
-    for (uint32_t y = 0; y < r.height && !err; y++)
-        memcpy(tile + y * line, values + y * row, row);
+    enum ls_err err = r.width == SIDE && r.height == SIDE ? m->make(m->user, r, tile, diag)
+                                                          : make_part(m, r, tile, diag);
     tiles->hash[m->from + item] = err ? 0 : ls_tile_hash(tile, tile_bytes(tiles));
     return err;
 }
@@ -353,7 +365,7 @@ enum ls_err ls_tiles_make(struct ls_tiles *tiles, const struct ls_crew *crew, ls
     enum ls_err err = ls_tiles_tell(tiles, chunk, body, there, diag);
     if (err || *there)
         return err;
-    struct making making = {tiles, make, user, tiles->next, calloc(n, tile_bytes(tiles))};
+    struct making making = {tiles, make, user, tiles->next, malloc(n * tile_bytes(tiles))};
     if (!making.bytes)
         return out_of_memory(diag);
     chunk->payload = making.bytes;

@@ -85,9 +85,9 @@ LS_MUST_CHECK enum ls_err ls_tiles_tell(struct ls_tiles *tiles, struct ls_chunk 
                                         Lightstage__FetchReply *body, bool *there,
                                         struct ls_diag *diag);
 
-/** The pixels of @region, which lies inside one tile: [region.height][region.width] as they are
- * sent. *values: (transfer full), free. Several threads at once. */
-typedef enum ls_err ls_tiles_maker(void *user, struct ls_demosaic_region region, uint8_t **values,
+/** Fill out[region.height][region.width] with the pixels of @region, which lies inside one tile, as
+ * they are sent. Several threads at once. */
+typedef enum ls_err ls_tiles_maker(void *user, struct ls_demosaic_region region, uint8_t *out,
                                    struct ls_diag *diag);
 
 /** The next tiles, about 3 MiB, each made by itself, by a crew: in place of add and take. *there
