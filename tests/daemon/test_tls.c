@@ -22,6 +22,33 @@ struct hall {
     unsigned port;
 };
 
+/* What the daemon has logged. */
+struct log {
+    GMutex lock;
+    GCond more;
+    GString *text;
+};
+
+static void keep_line(const char *domain, GLogLevelFlags level, const char *line, gpointer data)
+{
+    struct log *log = data;
+    g_mutex_lock(&log->lock);
+    g_string_append_printf(log->text, "%s\n", line);
+    g_cond_signal(&log->more);
+    g_mutex_unlock(&log->lock);
+}
+
+/* Within 5 s, on a thread of its own. */
+static void is_logged(struct log *log, const char *words)
+{
+    int64_t limit_us = g_get_monotonic_time() + 5 * G_USEC_PER_SEC;
+    g_mutex_lock(&log->lock);
+    while (!strstr(log->text->str, words))
+        if (!g_cond_wait_until(&log->more, &log->lock, limit_us))
+            g_error("\"%s\" is not in the log: %s", words, log->text->str);
+    g_mutex_unlock(&log->lock);
+}
+
 static void certify(const struct hall *hall, const char *stem, const char *authority,
                     struct ls_certificate_wish wish)
 {
@@ -239,6 +266,8 @@ static bool shakes_hands(const struct hall *hall, int version, const char *who)
 static void nothing_older_than_1_3_and_nobody_without_a_certificate(void)
 {
     struct hall hall;
+    struct log log = {.text = g_string_new(NULL)};
+    GLogFunc before = g_log_set_default_handler(keep_line, &log);
     hall_init(&hall);
     certify(&hall, "expired", "authority",
             (struct ls_certificate_wish){LS_CERTIFICATE_CLIENT, "desk", .from_days = -9});
@@ -247,7 +276,12 @@ static void nothing_older_than_1_3_and_nobody_without_a_certificate(void)
     g_assert_false(shakes_hands(&hall, TLS1_2_VERSION, "desk"));
     g_assert_false(shakes_hands(&hall, TLS1_3_VERSION, "nobody"));
     g_assert_false(shakes_hands(&hall, TLS1_3_VERSION, "expired"));
+    is_logged(&log, "unsupported protocol");
+    is_logged(&log, "peer did not return a certificate");
+    is_logged(&log, "its certificate: certificate has expired");
     hall_close(&hall);
+    g_log_set_default_handler(before, NULL);
+    g_string_free(log.text, TRUE);
 }
 
 static void who_only_knocks_is_hung_up_on(void)
