@@ -7,11 +7,12 @@ interpreter, between whose parts no signal handler runs. Python's ssl module run
 read, and forgets how much: a thread does it, where signal handlers never run.
 """
 import collections
-import concurrent.futures
+import queue
 import select
 import socket
 import ssl
 import struct
+import threading
 from typing import Any, Callable, Deque, Iterator, List, NamedTuple, Optional, Tuple
 
 from .errors import Lost
@@ -74,13 +75,38 @@ def advance(part: Part, act: Callable[[memoryview], int]) -> None:
             raise Lost("the connection to the daemon is lost")
 
 
-def try_advance(part: Part, act: Callable[[memoryview], int]) -> bool:
-    """False: an encrypted connection must be waited for."""
-    try:
-        advance(part, act)
-    except (ssl.SSLWantReadError, ssl.SSLWantWriteError):
-        return False
-    return True
+class Mover:
+    """A thread that advances parts, one after the other. Its queues are of C: those of the Python
+    library, and its futures, keep a lock for ever where an exception comes at the wrong moment."""
+
+    def __init__(self, connected: socket.socket):
+        self._socket = connected
+        self._steps: "queue.SimpleQueue[Any]" = queue.SimpleQueue()
+        threading.Thread(target=self._run, name="lightstage-tls", daemon=True).start()
+
+    def advance(self, part: Part, act: Callable[[memoryview], int]) -> None:
+        """An interrupted wait leaves its step to be done before the next; the counts hold it."""
+        answer: "queue.SimpleQueue[Optional[BaseException]]" = queue.SimpleQueue()
+        self._steps.put((part, act, answer))
+        if wrong := answer.get():
+            raise wrong
+
+    def close(self) -> None:
+        """The socket, too, after the last step."""
+        self._steps.put(None)
+
+    def _run(self) -> None:
+        while step := self._steps.get():
+            part, act, answer = step
+            try:
+                advance(part, act)
+            except (ssl.SSLWantReadError, ssl.SSLWantWriteError):
+                answer.put(BlockingIOError())
+            except BaseException as wrong:
+                answer.put(wrong)
+            else:
+                answer.put(None)
+        self._socket.close()
 
 
 class Link:
@@ -90,10 +116,9 @@ class Link:
         self.socket, self.timeout = connected, timeout
         connected.setblocking(False)
         self._takes_fds = connected.family == socket.AF_UNIX
-        self._thread: Optional[concurrent.futures.ThreadPoolExecutor] = None
-        if isinstance(connected, ssl.SSLSocket):
-            self._thread = concurrent.futures.ThreadPoolExecutor(1, "lightstage-tls")
-            self._thread.submit(int).result()  # it is there: nothing starts a second one
+        self._mover = Mover(connected) if isinstance(connected, ssl.SSLSocket) else None
+        # as much of a part as goes now; BlockingIOError if that is not all
+        self._move = self._mover.advance if self._mover else advance
         self._out: Deque[Part] = collections.deque()
         self._begin()
 
@@ -102,16 +127,6 @@ class Link:
         self._header = bytearray(HEADER.size)
         self._part = Part(memoryview(self._header))
         self._receive: Callable[[Place], None] = self._receive_header
-
-    # ---- a part ----
-
-    def _move(self, part: Part, act: Callable[[memoryview], int]) -> None:
-        """As much of it as goes now; BlockingIOError if that is not all."""
-        if self._thread is None:
-            advance(part, act)
-        # an interrupted wait leaves its step to be done before the next: counts are right after each
-        elif not self._thread.submit(try_advance, part, act).result():
-            raise BlockingIOError
 
     # ---- in ----
 
@@ -195,6 +210,7 @@ class Link:
             raise TimeoutError(f"the daemon said nothing for {self.timeout:g} s")
 
     def close(self) -> None:
-        if self._thread:
-            self._thread.shutdown()
-        self.socket.close()
+        if self._mover:
+            self._mover.close()
+        else:
+            self.socket.close()
