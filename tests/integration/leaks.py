@@ -6,7 +6,7 @@ usage: leaks.py [--takes N] [--connects N]
 One daemon, on six lights and a camera of 64 x 64. Its own memory is looked at twenty times; what an
 allocator keeps for the next take goes up and down by a tenth, so the least of the third to sixth
 time, when every part of it has been at work, is compared with the least of the last four: more than
-5 % is a leak.
+5 % is a leak. An allocator has seen it all after a hundred takes: fewer than 400 say nothing.
 """
 import argparse
 import signal

@@ -87,7 +87,8 @@ def test_an_honest_client_does_not_notice_strangers(folder):
     # lost with every connection would be more
     after = honest.resident(rig)
     print(f"# {before / 1e6:.1f} MB of the daemon's own, then {after / 1e6:.1f} MB")
-    assert after < 1.05 * before + 4e6, (before, after)
+    if not os.environ.get("LS_DAEMON"):  # a sanitizer's daemon has memory of its own
+        assert after < 1.05 * before + 4e6, (before, after)
 
 
 OUT = ("../outside", "../takes/../outside", "./../outside", "/etc", "..", ".", "", "a/b", "a\0b",
