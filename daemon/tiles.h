@@ -107,7 +107,8 @@ struct ls_tiles_holder {
  * The next tiles of a picture that is sent as it is stored: lent from @map, in place of add and
  * take; or handed over in a memfd. About 1 MiB, or a list of at most 4096. @holder is released when
  * they are written, or on an error. LS_ERR_INVALID: the file cannot be read; LS_ERR_NOMEM; those of
- * ls_memfds_get. */
+ * ls_memfds_get.
+ * A file that is cut short after that ends the connection: its frame has begun. */
 LS_MUST_CHECK enum ls_err ls_tiles_lend(struct ls_tiles *tiles, const struct ls_picture_map *map,
                                         const struct ls_tiles_holder *holder,
                                         struct ls_chunk *chunk, Lightstage__FetchReply *body,
