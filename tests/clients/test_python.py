@@ -148,12 +148,12 @@ def test_an_exception_at_any_moment_loses_no_byte_of_the_connection(folder):
     print(f"# seed {seed}")
     daemon = Daemon()
     before = signal.signal(signal.SIGALRM, raise_interrupted)
-    region, lights, end = (0, 0, 512, 500), range(2), time.monotonic() + 2
+    region, lights = (0, 0, 512, 500), range(2)
     expected = np.stack([values(light, 512, 0, 500).reshape(500, 512) for light in lights])
     try:
         with stage_of(daemon) as stage:
             rounds = took = 0
-            while time.monotonic() < end:
+            while hit < 40 or daemon.cancelled < 10:
                 rounds += 1
                 try:
                     signal.setitimer(signal.ITIMER_REAL, 1e-5 + dice.uniform(0, took))
@@ -169,7 +169,6 @@ def test_an_exception_at_any_moment_loses_no_byte_of_the_connection(folder):
         signal.setitimer(signal.ITIMER_REAL, 0)
         signal.signal(signal.SIGALRM, before)
     print(f"# interrupted {hit} of {rounds} times, {daemon.cancelled} cancelled")
-    assert hit > 20 and daemon.cancelled > 10
 
 
 def test_requests_overlap_and_each_gets_its_own(folder):

@@ -167,13 +167,13 @@ def interrupt(*_):
     raise Interrupted
 
 
-def interrupted_fetches(stage, take, expected, seconds=2):
+def interrupted_fetches(stage, take, expected, times=8):
     """At random moments; what is fetched after each is right."""
     seed = int(os.environ.get("LS_TEST_SEED", time.time()))
-    dice, hit, took, end = random.Random(seed), 0, 0, time.monotonic() + seconds
+    dice, hit, took = random.Random(seed), 0, 0
     before = signal.signal(signal.SIGALRM, interrupt)
     try:
-        while time.monotonic() < end:
+        while hit < times:
             try:
                 signal.setitimer(signal.ITIMER_REAL, 1e-5 + dice.uniform(0, took))
                 stage.fetch(take, "W")
@@ -187,7 +187,6 @@ def interrupted_fetches(stage, take, expected, seconds=2):
         signal.setitimer(signal.ITIMER_REAL, 0)
         signal.signal(signal.SIGALRM, before)
     print(f"# seed {seed}: interrupted {hit} times")
-    assert hit >= 5, hit
 
 
 def test_over_tls_come_the_same_bits_and_nobody_else_is_let_in(folder):
@@ -208,7 +207,7 @@ def test_over_tls_come_the_same_bits_and_nobody_else_is_let_in(folder):
     refused(110, lambda: far.start("mine", harness.PLAN))
     refused(108, lambda: list(far.shared(take, "W")))
     interrupted_fetches(far, take, local.fetch(take, "W").pixels)
-    interrupted_fetches(local, take, local.fetch(take, "W").pixels, seconds=1)
+    interrupted_fetches(local, take, local.fetch(take, "W").pixels)
     far.close()
     over_tls(rig, "operator").preflight(harness.PLAN)
     rig.control("pki", "add", rig.path("pki"), "stranger")
