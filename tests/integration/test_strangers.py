@@ -87,7 +87,7 @@ def test_an_honest_client_does_not_notice_strangers(folder):
     # lost with every connection would be more
     after = honest.resident(rig)
     print(f"# {before / 1e6:.1f} MB of the daemon's own, then {after / 1e6:.1f} MB")
-    if not os.environ.get("LS_DAEMON"):  # a sanitizer's daemon has memory of its own
+    if not harness.SANITIZED:  # a sanitizer's daemon has memory of its own
         assert after < 1.05 * before + 4e6, (before, after)
 
 

@@ -64,6 +64,8 @@ def test_its_threads_are_real_time_and_its_ring_is_locked_where_that_is_allowed(
         os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
     except PermissionError:
         raise harness.Skip("CAP_SYS_NICE is missing")
+    if harness.SANITIZED:
+        raise harness.Skip("a sanitizer locks no memory")
     rig = harness.twelve(folder).start()
     pid = rig.daemon.child.pid
     takes.begin(rig, takes.LONG)
