@@ -40,6 +40,17 @@ uint32_t ls_connection_error(const struct ls_connection *connection)
     return connection->error;
 }
 
+int ls_connection_descriptor(const struct ls_connection *connection)
+{
+    return connection->fd;
+}
+
+bool ls_connection_has_bytes(const struct ls_connection *connection)
+{
+    return connection->in_used < connection->in_fill ||
+           (connection->secure && ls_secure_has_bytes(connection->secure));
+}
+
 void ls_connection_close(struct ls_connection *connection)
 {
     if (!connection)
@@ -165,7 +176,9 @@ static enum ls_err remote_error(struct ls_connection *connection, struct ls_repl
     const Lightstage__Error *error = (const Lightstage__Error *)reply->message;
     connection->error = error->number;
     ls_fail(diag, LS_ERR_REFUSED, "%s", error->text);
+    uint32_t request = reply->request;
     ls_reply_finish(reply);
+    reply->request = request;
     return LS_ERR_REFUSED;
 }
 
@@ -218,7 +231,7 @@ static enum ls_err greet(struct ls_connection *connection, struct ls_diag *diag)
     Lightstage__Hello hello = LIGHTSTAGE__HELLO__INIT;
     struct ls_reply reply;
     hello.version = LS_FRAME_VERSION;
-    hello.client = (char *)"lightstagectl";
+    hello.client = program_invocation_short_name;
     enum ls_err err =
         ls_connection_call(connection, LS_MESSAGE_HELLO, &hello.base, NULL, 0, &reply, diag);
     if (!err)

@@ -50,7 +50,7 @@ LS_MUST_CHECK enum ls_err ls_connection_send(struct ls_connection *connection, u
  * The next frame for request @request (0: for any). An Error of the daemon is LS_ERR_REFUSED: its
  * sentence is in @diag, its number in ls_connection_error. LS_ERR_ABORTED: a signal arrived and
  * nothing is lost, call again. LS_ERR_GONE: the connection is lost. Frames of other requests are
- * dropped.
+ * dropped. Of an Error, reply->request says whose it is (0: the connection's).
  */
 LS_MUST_CHECK enum ls_err ls_connection_receive(struct ls_connection *connection, uint32_t request,
                                                 struct ls_reply *reply, struct ls_diag *diag);
@@ -63,6 +63,10 @@ LS_MUST_CHECK enum ls_err ls_connection_call(struct ls_connection *connection, u
 
 /** Number (proto/errors.h) of the last Error, 0 if there was none. */
 uint32_t ls_connection_error(const struct ls_connection *connection);
+
+/** To wait for bytes with; unless some have come already that no receive has handed out. */
+int ls_connection_descriptor(const struct ls_connection *connection);
+bool ls_connection_has_bytes(const struct ls_connection *connection);
 
 /** NULL is allowed. */
 void ls_connection_close(struct ls_connection *connection);

@@ -1,0 +1,35 @@
+/*
+ * library: what the parts of liblightstage share: requests in flight, errors, structs of any age.
+ * Layer: clients. Threads: the client's one. Ownership: the client's.
+ */
+#ifndef LS_CLIENTS_LIBRARY_H
+#define LS_CLIENTS_LIBRARY_H
+
+#include "clients/connection.h"
+#include "clients/lightstage.h"
+
+/** Called with each reply of a request; not 0: the number it ends with, and it is cancelled. */
+typedef uint32_t ls_on_reply(const struct ls_reply *reply, void *user,
+                             struct lightstage_error *error);
+
+/** Fill @error (NULL is allowed) and return @number. */
+uint32_t ls_library_fail(struct lightstage_error *error, uint32_t number, const char *fmt, ...)
+    LS_PRINTF(3, 4);
+
+/** Copy the struct @from of a caller, which begins with its size, to @to of @bytes, which is what
+ * this library knows of it; what @from lacks is 0. 107, 108. */
+uint32_t ls_library_take_in(void *to, size_t bytes, const void *from,
+                            struct lightstage_error *error);
+
+/** Send a request whose replies go to @on_reply with a copy of the @user_bytes at @user. */
+uint32_t ls_library_begin(struct lightstage *stage, uint16_t type, const ProtobufCMessage *body,
+                          const void *payload, size_t payload_bytes, ls_on_reply *on_reply,
+                          const void *user, size_t user_bytes, uint32_t *request,
+                          struct lightstage_error *error);
+
+/** Send a request and wait for its end. @on_reply NULL: its reply says nothing. */
+uint32_t ls_library_call(struct lightstage *stage, uint16_t type, const ProtobufCMessage *body,
+                         const void *payload, size_t payload_bytes, ls_on_reply *on_reply,
+                         const void *user, size_t user_bytes, struct lightstage_error *error);
+
+#endif

@@ -1,0 +1,237 @@
+/* Fetch and Relight. */
+#include "clients/library.h"
+
+#include <stdlib.h>
+#include <string.h>
+
+struct promoted {
+    Lightstage__Promotion promotion;
+    Lightstage__Region region;
+};
+
+static uint32_t fill_promoted(struct promoted *out, const struct lightstage_promotion *promotion,
+                              const struct lightstage_region *region,
+                              struct lightstage_error *error)
+{
+    struct lightstage_promotion p = {0};
+    uint32_t number = promotion ? ls_library_take_in(&p, sizeof p, promotion, error) : 0;
+    lightstage__promotion__init(&out->promotion);
+    lightstage__region__init(&out->region);
+    out->promotion.model = (Lightstage__Model)p.model;
+    out->promotion.reference = (Lightstage__Reference)p.reference;
+    out->promotion.ideal_polarisation = p.ideal_polarisation != 0;
+    out->promotion.plain_conductors = p.plain_conductors != 0;
+    out->region.x = region->x;
+    out->region.y = region->y;
+    out->region.width = region->width;
+    out->region.height = region->height;
+    return number;
+}
+
+/* ---- fetch ---- */
+
+struct fetch_call {
+    lightstage_on_band *callback;
+    void *user;
+};
+
+static uint32_t take_band(const struct ls_reply *reply, void *user, struct lightstage_error *error)
+{
+    const Lightstage__FetchReply *r = (const Lightstage__FetchReply *)reply->message;
+    const struct fetch_call *call = user;
+    size_t sample = r->sample == LIGHTSTAGE__SAMPLE__HALF ? 2 : 4;
+    const struct lightstage_band band = {
+        .values = reply->payload,
+        .values_bytes = reply->payload_bytes,
+        .light = r->light,
+        .width = r->width,
+        .height = r->height,
+        .first_row = r->first_row,
+        .n_rows = r->n_rows,
+        .components = r->components,
+        .sample = (enum lightstage_sample)r->sample,
+        .reference_exposure_s = r->reference_exposure_s,
+        .gain_k = r->gain_k,
+        .calibrated = r->calibrated,
+    };
+    /* 2^16 of each at most, so that no product overflows */
+    if (r->width > 65536 || r->height > 65536 || r->components > 16 || r->first_row > r->height ||
+        r->n_rows > r->height - r->first_row ||
+        reply->payload_bytes != sample * r->components * r->width * r->n_rows)
+        return ls_library_fail(error, LIGHTSTAGE_STRANGE,
+                               "the daemon sent rows that do not fit the picture");
+    return call->callback(&band, call->user)
+               ? ls_library_fail(error, LIGHTSTAGE_CANCELLED, "cancelled by the callback")
+               : 0;
+}
+
+uint32_t lightstage_fetch_begin(struct lightstage *stage, const struct lightstage_fetch *fetch,
+                                lightstage_on_band *callback, void *user, uint32_t *request,
+                                struct lightstage_error *error)
+{
+    Lightstage__Fetch body = LIGHTSTAGE__FETCH__INIT;
+    struct lightstage_fetch f;
+    struct promoted promoted;
+    const struct fetch_call call = {callback, user};
+    uint32_t number = ls_library_take_in(&f, sizeof f, fetch, error);
+    if (!number)
+        number = fill_promoted(&promoted, f.promotion, &f.region, error);
+    if (number)
+        return number;
+    if (!f.take || !f.channel)
+        return ls_library_fail(error, LIGHTSTAGE_BAD_ARGUMENT, "a take and a channel are needed");
+    body.take = (char *)f.take;
+    body.channel = (char *)f.channel;
+    body.lights = (uint32_t *)f.lights;
+    body.n_lights = f.n_lights;
+    body.full_sphere = f.full_sphere != 0;
+    body.region = &promoted.region;
+    body.promotion = &promoted.promotion;
+    body.layout = (Lightstage__Layout)f.layout;
+    body.quantity = (Lightstage__Quantity)f.quantity;
+    body.sample = (Lightstage__Sample)f.sample;
+    body.camera = f.camera;
+    body.level = f.level;
+    return ls_library_begin(stage, LS_MESSAGE_FETCH, &body.base, NULL, 0, take_band, &call,
+                            sizeof call, request, error);
+}
+
+uint32_t lightstage_fetch(struct lightstage *stage, const struct lightstage_fetch *fetch,
+                          lightstage_on_band *callback, void *user, struct lightstage_error *error)
+{
+    uint32_t request = 0;
+    uint32_t number = lightstage_fetch_begin(stage, fetch, callback, user, &request, error);
+    return number ? number : lightstage_wait(stage, request, error);
+}
+
+struct into {
+    char *to;
+    size_t used, bytes;
+    struct lightstage_shape shape;
+    int too_small, uneven;
+};
+
+/* Pictures come in order and whole, so bytes are only added. */
+static int append_band(const struct lightstage_band *band, void *user)
+{
+    struct into *into = user;
+    struct lightstage_shape *shape = &into->shape;
+    if (!band->first_row && !shape->pictures)
+        *shape = (struct lightstage_shape){0, band->height, band->width, band->components};
+    into->uneven = band->width != shape->width || band->height != shape->height ||
+                   band->components != shape->components;
+    into->too_small = band->values_bytes > into->bytes - into->used;
+    if (into->too_small || into->uneven)
+        return 1;
+    memcpy(into->to + into->used, band->values, band->values_bytes);
+    into->used += band->values_bytes;
+    shape->pictures += band->first_row + band->n_rows == band->height;
+    return 0;
+}
+
+uint32_t lightstage_fetch_into(struct lightstage *stage, const struct lightstage_fetch *fetch,
+                               void *buffer, size_t bytes, struct lightstage_shape *shape,
+                               struct lightstage_error *error)
+{
+    struct into into = {.to = buffer, .bytes = bytes};
+    uint32_t number = lightstage_fetch(stage, fetch, append_band, &into, error);
+    if (into.too_small)
+        return ls_library_fail(error, LIGHTSTAGE_OVER_LIMIT,
+                               "the pictures, of %u x %u pixels of %u, do not fit into %zu bytes",
+                               into.shape.width, into.shape.height, into.shape.components, bytes);
+    if (into.uneven)
+        return ls_library_fail(error, LIGHTSTAGE_STRANGE,
+                               "the daemon sent pictures of different sizes");
+    if (!number)
+        *shape = into.shape;
+    return number;
+}
+
+/* ---- relight ---- */
+
+struct relight_call {
+    lightstage_on_relit *callback;
+    void *user;
+};
+
+static uint32_t take_relit(const struct ls_reply *reply, void *user, struct lightstage_error *error)
+{
+    const Lightstage__RelightReply *r = (const Lightstage__RelightReply *)reply->message;
+    const struct relight_call *call = user;
+    const struct lightstage_relit rows = {
+        .values = reply->payload,
+        .picture = r->picture,
+        .width = r->width,
+        .height = r->height,
+        .first_row = r->first_row,
+        .n_rows = r->n_rows,
+        .lights_used = r->lights_used,
+        .lights_skipped = r->lights_skipped,
+        .tiles_skipped = r->tiles_skipped,
+        .error_bound = r->error_bound,
+        .seconds = r->seconds,
+        .calibrated = r->calibrated,
+    };
+    if (r->width > 65536 || r->height > 65536 || r->first_row > r->height ||
+        r->n_rows > r->height - r->first_row ||
+        reply->payload_bytes != sizeof(float) * 3 * r->width * r->n_rows)
+        return ls_library_fail(error, LIGHTSTAGE_STRANGE,
+                               "the daemon sent rows that do not fit the picture");
+    return call->callback(&rows, call->user)
+               ? ls_library_fail(error, LIGHTSTAGE_CANCELLED, "cancelled by the callback")
+               : 0;
+}
+
+/* 0: they overflow. */
+static size_t weights_bytes(const struct lightstage_relight *r)
+{
+    size_t rows = r->mode == LIGHTSTAGE_TRISTIMULUS ? 3 : r->n_channels;
+    size_t n = r->n_pictures ? r->n_pictures : 1, bytes = 0;
+    if (r->mode == LIGHTSTAGE_PER_TARGET && __builtin_mul_overflow(rows, 3, &rows))
+        return 0;
+    if (__builtin_mul_overflow(n * sizeof(float), rows, &bytes) ||
+        __builtin_mul_overflow(bytes, r->n_lights, &bytes))
+        return 0;
+    return bytes;
+}
+
+uint32_t lightstage_relight_begin(struct lightstage *stage,
+                                  const struct lightstage_relight *relight,
+                                  lightstage_on_relit *callback, void *user, uint32_t *request,
+                                  struct lightstage_error *error)
+{
+    Lightstage__Relight body = LIGHTSTAGE__RELIGHT__INIT;
+    struct lightstage_relight r;
+    struct promoted promoted;
+    const struct relight_call call = {callback, user};
+    uint32_t number = ls_library_take_in(&r, sizeof r, relight, error);
+    if (!number)
+        number = fill_promoted(&promoted, r.promotion, &r.region, error);
+    if (number)
+        return number;
+    if (!r.take || !r.weights || !weights_bytes(&r))
+        return ls_library_fail(error, LIGHTSTAGE_BAD_ARGUMENT,
+                               "a take, and weights of lights and channels, are needed");
+    body.take = (char *)r.take;
+    body.mode = (Lightstage__WeightMode)r.mode;
+    body.channels = (char **)r.channels;
+    body.n_channels = r.n_channels;
+    body.n_lights = r.n_lights;
+    body.n_pictures = r.n_pictures;
+    body.region = &promoted.region;
+    body.promotion = r.promotion ? &promoted.promotion : NULL;
+    body.max_error = r.max_error;
+    body.camera = r.camera;
+    body.level = r.level;
+    return ls_library_begin(stage, LS_MESSAGE_RELIGHT, &body.base, r.weights, weights_bytes(&r),
+                            take_relit, &call, sizeof call, request, error);
+}
+
+uint32_t lightstage_relight(struct lightstage *stage, const struct lightstage_relight *relight,
+                            lightstage_on_relit *callback, void *user,
+                            struct lightstage_error *error)
+{
+    uint32_t request = 0;
+    uint32_t number = lightstage_relight_begin(stage, relight, callback, user, &request, error);
+    return number ? number : lightstage_wait(stage, request, error);
+}

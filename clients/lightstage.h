@@ -1,0 +1,303 @@
+/*
+ * lightstage: the C library of lightstaged: status, takes, pictures, relighting.
+ * Threads: one at a time per client; clients do not share anything. Ownership: as stated.
+ *
+ *     struct lightstage_address address = {sizeof address};
+ *     struct lightstage *stage = NULL;
+ *     struct lightstage_error error;
+ *     address.where = "/run/lightstaged/socket";
+ *     if (lightstage_connect(&address, &stage, &error))
+ *         printf("%u: %s\n", error.number, error.text);
+ *
+ * Calls return 0 or the number that is in @error (NULL is allowed) beside its sentence: 100 and up
+ * are the daemon's (PROTOCOL.md lists them), those below enum lightstage_own_error. Texts and
+ * structs of the library are const and live as long as is said; those of callbacks until it
+ * returns.
+ *
+ * Structs that a caller fills begin with their own size, the rest 0 is the default: the library
+ * reads no byte behind that size, and refuses (108) what a newer header set and it does not know.
+ * Structs that the library fills are made by the library: they grow at their end alone. The two
+ * exceptions, lightstage_error and lightstage_shape, never change.
+ */
+#ifndef LIGHTSTAGE_H
+#define LIGHTSTAGE_H
+
+#include <stddef.h>
+#include <stdint.h>
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+struct lightstage;
+
+/** What the library itself says; the daemon's numbers begin at 100. */
+enum lightstage_own_error {
+    LIGHTSTAGE_UNREACHABLE = 1, /* nobody answers there */
+    LIGHTSTAGE_LOST = 2,        /* the connection has ended: only lightstage_close is left to do */
+    LIGHTSTAGE_NO_MEMORY = 3,
+    LIGHTSTAGE_UNTRUSTED = 4,      /* TLS: a certificate is refused, or one's own cannot be used */
+    LIGHTSTAGE_STRANGE = 5,        /* the daemon sent what does not fit the request */
+    LIGHTSTAGE_BAD_ARGUMENT = 107, /* as the daemon's, found before sending */
+    LIGHTSTAGE_UNSUPPORTED = 108,
+    LIGHTSTAGE_OVER_LIMIT = 109, /* also: the caller's buffer is too small */
+    LIGHTSTAGE_CANCELLED = 204,
+};
+
+/** Never grows. */
+struct lightstage_error {
+    uint32_t number; /* 0: none */
+    char text[512];  /* for a person; may change */
+};
+
+/* ---- connection ---- */
+
+struct lightstage_address {
+    size_t size;
+    const char
+        *where; /* path of a Unix socket, or "tls://host:port" with the three below: PEM files */
+    const char *certificate, *key, *authority;
+};
+
+/** Connect and greet. *out: (transfer full), lightstage_close. */
+uint32_t lightstage_connect(const struct lightstage_address *address, struct lightstage **out,
+                            struct lightstage_error *error);
+
+/** NULL is allowed; not from a callback. What is in flight ends without a word, its callbacks are
+ * not called. */
+void lightstage_close(struct lightstage *stage);
+
+/** soname's library, "0.1.0". */
+const char *lightstage_version(void);
+
+/* ---- requests in flight ----
+ * A call named ..._begin sends its request and gives its number; its callback comes from
+ * lightstage_dispatch, lightstage_wait or any blocking call on the same client, in the thread that
+ * calls. A callback that does not return 0 cancels its request and is not called again. Callbacks
+ * may begin and cancel requests, and must not make blocking calls, dispatch or wait on their
+ * client. */
+
+/** To poll for POLLIN; lightstage_dispatch then. (transfer none). */
+int lightstage_descriptor(const struct lightstage *stage);
+
+/** Take what has arrived, and wait for the rest of what has begun to. An error of a request is that
+ * request's (lightstage_wait says it); errors here: LIGHTSTAGE_LOST, _STRANGE, _NO_MEMORY. */
+uint32_t lightstage_dispatch(struct lightstage *stage, struct lightstage_error *error);
+
+/** How many requests have not ended, and how they ended not been asked for (by lightstage_wait). */
+size_t lightstage_in_flight(const struct lightstage *stage);
+
+/** Wait until @request has ended, and say how; it is forgotten then. 107: no such request. */
+uint32_t lightstage_wait(struct lightstage *stage, uint32_t request,
+                         struct lightstage_error *error);
+
+/** Ask the daemon to end @request: it ends with LIGHTSTAGE_CANCELLED. 107: no such request. */
+uint32_t lightstage_cancel(struct lightstage *stage, uint32_t request,
+                           struct lightstage_error *error);
+
+/* ---- status and takes ---- */
+
+enum lightstage_take_state {
+    LIGHTSTAGE_TAKE_NONE = 0,
+    LIGHTSTAGE_TAKE_PREPARING = 1,
+    LIGHTSTAGE_TAKE_RUNNING = 2,
+    LIGHTSTAGE_TAKE_COMPLETE = 3,
+    LIGHTSTAGE_TAKE_INCOMPLETE = 4,
+    LIGHTSTAGE_TAKE_ABORTED = 5,
+    LIGHTSTAGE_TAKE_FAILED = 6,
+};
+
+struct lightstage_take_status {
+    enum lightstage_take_state state;
+    const char *id; /* empty until the take has a folder */
+    const char *token, *message;
+    uint32_t steps_planned, steps_bound, conditions_planned, conditions_stored;
+    uint32_t shots_lost, shots_repaired;
+    double frames_per_second;
+};
+
+struct lightstage_camera_status {
+    int connected, packet_socket;
+    const char *name, *model, *serial, *unverified;
+};
+
+struct lightstage_status {
+    int lights_connected;
+    const char *lights_serial, *lights_state;
+    int32_t temperature_c;
+    size_t n_faults;
+    const char *const *faults;
+    size_t n_cameras;
+    const struct lightstage_camera_status *const *cameras;
+    uint64_t disk_free_bytes;
+    const char *calibration, *privileges;
+    struct lightstage_take_status *take; /* NULL: none yet */
+};
+
+/** *out: (transfer full), lightstage_status_free. */
+uint32_t lightstage_status(struct lightstage *stage, struct lightstage_status **out,
+                           struct lightstage_error *error);
+
+/** NULL is allowed. */
+void lightstage_status_free(struct lightstage_status *status);
+
+/** Start a take by @plan, the text of a plan file. The same @token again (one's own, e.g. 16 random
+ * hex digits) starts nothing: what a lost connection may have started is asked for so. */
+uint32_t lightstage_take_start(struct lightstage *stage, const char *name, const char *token,
+                               const char *plan, struct lightstage_error *error);
+
+/** Shoot what @take lacks. */
+uint32_t lightstage_take_resume(struct lightstage *stage, const char *take, const char *token,
+                                struct lightstage_error *error);
+
+/** End the take that runs. */
+uint32_t lightstage_take_abort(struct lightstage *stage, struct lightstage_error *error);
+
+typedef int lightstage_on_progress(const struct lightstage_take_status *status, void *user);
+
+/** Follow the take of @token (NULL: whatever runs, or ran last) until it has ended; the last status
+ * says how. A callback that does not return 0 ends the following, not the take. */
+uint32_t lightstage_take_progress(struct lightstage *stage, const char *token,
+                                  lightstage_on_progress *callback, void *user,
+                                  struct lightstage_error *error);
+
+/** take.json as it is on disk, NUL-terminated. *out: (transfer full), lightstage_text_free. */
+uint32_t lightstage_take_show(struct lightstage *stage, const char *take, char **out,
+                              struct lightstage_error *error);
+void lightstage_text_free(char *text);
+
+/** All lights off, now; a running take ends. */
+uint32_t lightstage_blank(struct lightstage *stage, struct lightstage_error *error);
+
+/* ---- pictures ---- */
+
+struct lightstage_region { /* in pixels of full size; all 0: the whole picture; never grows */
+    uint32_t x, y, width, height;
+};
+
+/** How a spectrum comes to each light. */
+enum lightstage_model {
+    LIGHTSTAGE_MEASURED = 0,
+    LIGHTSTAGE_SPHERE = 1,
+    LIGHTSTAGE_HEADLIGHT = 2,
+    LIGHTSTAGE_SEPARATED = 3,
+    LIGHTSTAGE_LINEAR = 4,
+};
+enum lightstage_reference { LIGHTSTAGE_STRENGTHS = 0, LIGHTSTAGE_PAPER = 1 };
+enum lightstage_layout { LIGHTSTAGE_MOSAIC = 0, LIGHTSTAGE_RGB = 1, LIGHTSTAGE_MONO = 2 };
+enum lightstage_quantity {
+    LIGHTSTAGE_REFLECTANCE = 0, /* R = k E */
+    LIGHTSTAGE_ESTIMATE = 1,    /* E as stored */
+};
+enum lightstage_sample { LIGHTSTAGE_FLOAT = 0, LIGHTSTAGE_HALF = 1 };
+
+struct lightstage_promotion {
+    size_t size;
+    enum lightstage_model model;
+    enum lightstage_reference reference;
+    int ideal_polarisation, plain_conductors; /* SEPARATED */
+};
+
+struct lightstage_fetch {
+    size_t size;
+    const char *take, *channel;
+    const uint32_t *lights; /* rows of the rig from 0; NULL with full_sphere */
+    size_t n_lights;        /* 0: all */
+    int full_sphere;        /* the photographed full sphere of the channel */
+    struct lightstage_region region;
+    const struct lightstage_promotion *promotion; /* NULL: MEASURED */
+    enum lightstage_layout layout;
+    enum lightstage_quantity quantity;
+    enum lightstage_sample sample;
+    uint32_t camera;
+    uint32_t level; /* 0, 1, 2: full, half, quarter size */
+};
+
+/** Rows of one picture: [n_rows][width][components] values. */
+struct lightstage_band {
+    const void *values; /* float or half, as asked for; of any alignment */
+    size_t values_bytes;
+    uint32_t light;
+    uint32_t width, height; /* of the picture */
+    uint32_t first_row, n_rows, components;
+    enum lightstage_sample sample;
+    double reference_exposure_s; /* ESTIMATE: value = E x this */
+    double gain_k;               /* that the values have been multiplied by */
+    int calibrated;
+};
+
+typedef int lightstage_on_band(const struct lightstage_band *band, void *user);
+
+/** Pictures one after the other in the order of the lights, each from its first row to its last. */
+uint32_t lightstage_fetch_begin(struct lightstage *stage, const struct lightstage_fetch *fetch,
+                                lightstage_on_band *callback, void *user, uint32_t *request,
+                                struct lightstage_error *error);
+
+/** The same, to its end. */
+uint32_t lightstage_fetch(struct lightstage *stage, const struct lightstage_fetch *fetch,
+                          lightstage_on_band *callback, void *user, struct lightstage_error *error);
+
+/** What has been written into a caller's buffer: [pictures][height][width][components]. Never
+ * grows. */
+struct lightstage_shape {
+    uint32_t pictures, height, width, components;
+};
+
+/** The same into @buffer of @bytes, without gaps. LIGHTSTAGE_OVER_LIMIT: it is too small for them;
+ * what it holds then is not to be used. */
+uint32_t lightstage_fetch_into(struct lightstage *stage, const struct lightstage_fetch *fetch,
+                               void *buffer, size_t bytes, struct lightstage_shape *shape,
+                               struct lightstage_error *error);
+
+enum lightstage_weights {
+    LIGHTSTAGE_SHARED = 0,      /* [n_channels][n_lights], for red, green and blue alike */
+    LIGHTSTAGE_TRISTIMULUS = 1, /* [3][n_lights] of red, green, blue on white; no channels */
+    LIGHTSTAGE_PER_TARGET = 2,  /* [3][n_channels][n_lights] */
+};
+
+struct lightstage_relight {
+    size_t size;
+    const char *take;
+    enum lightstage_weights mode;
+    const char *const *channels;
+    size_t n_channels;
+    uint32_t n_lights;
+    const float *weights; /* radiance x sr, of the first picture, then of the second ... */
+    uint32_t n_pictures;  /* made in one pass over the take; 0: one */
+    struct lightstage_region region;
+    const struct lightstage_promotion *promotion; /* NULL: SPHERE, STRENGTHS */
+    double max_error;                             /* what may be left out; 0: nothing */
+    uint32_t camera, level;
+};
+
+/** Rows of one picture, float [n_rows][width][3] in camera RGB. The last one has no rows and tells
+ * of all pictures together. */
+struct lightstage_relit {
+    const void *values; /* of any alignment */
+    uint32_t picture;   /* from 0 */
+    uint32_t width, height;
+    uint32_t first_row, n_rows;
+    uint32_t lights_used, lights_skipped; /* these and below: in the last */
+    uint64_t tiles_skipped;
+    double error_bound; /* of what was left out */
+    double seconds;
+    int calibrated;
+};
+
+typedef int lightstage_on_relit(const struct lightstage_relit *rows, void *user);
+
+/** The same rows of all pictures come before any that are below them. */
+uint32_t lightstage_relight_begin(struct lightstage *stage,
+                                  const struct lightstage_relight *relight,
+                                  lightstage_on_relit *callback, void *user, uint32_t *request,
+                                  struct lightstage_error *error);
+
+/** The same, to its end. */
+uint32_t lightstage_relight(struct lightstage *stage, const struct lightstage_relight *relight,
+                            lightstage_on_relit *callback, void *user,
+                            struct lightstage_error *error);
+
+#ifdef __cplusplus
+}
+#endif
+#endif

@@ -1,0 +1,85 @@
+#!/usr/bin/python3 -B
+"""liblightstage as its user has it: installed, found by pkg-config, used from C and from C++.
+
+usage: test_installed.py     speaks TAP
+"""
+import os
+import re
+import shlex
+import subprocess
+import sys
+import tempfile
+
+ROOT, BUILD = os.environ["LS_SOURCE_ROOT"], os.environ["LS_BUILD_ROOT"]
+EXAMPLE = os.path.join(ROOT, "clients", "lightstage_example.c")
+STRICT = ["-Wall", "-Wextra", "-Werror", "-Wno-missing-field-initializers"]
+
+
+def output(*command, **options):
+    return subprocess.run(command, check=True, capture_output=True, text=True, **options).stdout
+
+
+def install(folder):
+    """Into @folder; its library folder and the flags that pkg-config names."""
+    output("meson", "install", "-C", BUILD, "--no-rebuild", "--tags", "devel,runtime",
+           env={**os.environ, "DESTDIR": folder})
+    found = [f for f, _, names in os.walk(folder) if "lightstage.pc" in names]
+    assert len(found) == 1, found
+    library = os.path.dirname(found[0])
+    flags = output("pkg-config", "--cflags", "--libs", "lightstage",
+                   env={**os.environ, "PKG_CONFIG_PATH": found[0],
+                        "PKG_CONFIG_SYSROOT_DIR": folder,
+                        "PKG_CONFIG_ALLOW_SYSTEM_LIBS": "1"})
+    return library, shlex.split(flags)
+
+
+def compiled(folder, flags, compiler, standard):
+    program = os.path.join(folder, f"example-{compiler}")
+    done = subprocess.run([compiler, *STRICT, *standard, EXAMPLE, "-x", "none", *flags,
+                           "-o", program], capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    return program
+
+
+def says_that_nobody_answers(folder, library, flags, compiler, standard):
+    program = compiled(folder, flags, compiler, standard)
+    done = subprocess.run([program, os.path.join(folder, "none"), "take", "W"], capture_output=True,
+                          text=True, env={**os.environ, "LD_LIBRARY_PATH": library}, timeout=20)
+    assert done.returncode == 1 and done.stderr.startswith("1: no lightstaged answers"), done
+
+
+def check_symbols(library):
+    header = open(os.path.join(ROOT, "clients", "lightstage.h"), encoding="utf-8").read()
+    header = re.sub(r"/\*.*?\*/", "", header, flags=re.S)
+    declared = set(re.findall(r"^(?:[a-z_0-9]+ )+\*?(lightstage_\w+)\(", header, flags=re.M))
+    declared -= set(re.findall(r"^typedef int (\w+)\(", header, flags=re.M))
+    shown = output("nm", "-D", "--defined-only", os.path.join(library, "liblightstage.so.0"))
+    assert declared == {line.split()[-1] for line in shown.splitlines()}, declared
+    named = output("readelf", "-d", os.path.join(library, "liblightstage.so"))
+    assert "[liblightstage.so.0]" in named and "glib" not in named, named
+
+
+def main():
+    failed = 0
+    with tempfile.TemporaryDirectory() as folder:
+        library, flags = install(folder)
+        checks = [
+            ("the library shows what its header declares", lambda: check_symbols(library)),
+            ("the example is strict C99", lambda: says_that_nobody_answers(
+                folder, library, flags, "gcc", ["-std=c99", "-pedantic"])),
+            ("the example is C++", lambda: says_that_nobody_answers(
+                folder, library, flags, "g++", ["-x", "c++", "-std=c++17"])),
+        ]
+        print(f"1..{len(checks)}")
+        for number, (name, check) in enumerate(checks, 1):
+            try:
+                check()
+                print(f"ok {number} - {name}")
+            except (AssertionError, subprocess.SubprocessError) as error:
+                failed = 1
+                print(f"not ok {number} - {name}\n#", str(error).replace("\n", "\n# "))
+    return failed
+
+
+if __name__ == "__main__":
+    sys.exit(main())
