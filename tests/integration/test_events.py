@@ -52,6 +52,15 @@ def test_a_picture_fetched_at_its_event_is_the_picture_after_the_end(folder):
     events.stop()
     ends.stop()
 
+    # a quarter of the width and the height; a level that is none is said before anybody is asked
+    sizes = []
+    for level in ("0", "2", "3"):
+        code, _, err = takes.ask(rig, "fetch", event["take"], "--channel", "W", "--lights", "0",
+                                 "--layout", "rgb", "--level", level, "--output", rig.path("level"))
+        assert code == (2 if level == "3" else 0), err
+        sizes.append(len(read(rig.path("level.0001.exr"))))
+    assert 12 < sizes[0] / sizes[1] < 17, sizes
+
     # who comes when it is over is told all of it
     late = takes.Events(rig)
     assert sorted((e["channel"], e["light"]) for e in
