@@ -44,8 +44,7 @@ def fetched(rig, take, *how):
             os.remove(rig.path(name))
 
 
-def test_pictures_are_those_of_lightstagectl_to_the_bit(folder):
-    rig, stage, take = photographed(folder)
+def pictures_are_those_of_lightstagectl(rig, stage, take):
     crop = (10, 21, 70, 65)
     area = ",".join(map(str, crop))
     for ours, theirs in (
@@ -67,11 +66,9 @@ def test_pictures_are_those_of_lightstagectl_to_the_bit(folder):
     known = stage.fetch(take, "W", lights=[0], variance=True, validity=True).pictures[0]
     assert known.variance.shape == known.validity.shape == (128, 128) and known.variance.min() > 0
     assert set(np.unique(known.validity)) <= {0, 1, 2, 3}
-    stage.close()
 
 
-def test_tiles_come_once_and_again_only_if_they_have_changed(folder):
-    rig, stage, take = photographed(folder)
+def tiles_come_once_and_again_only_if_they_have_changed(rig, stage, take):
     crop = (70, 10, 50, 100)  # the right half of the tiles
     for asked in ({"channel": "W", "dtype": "float16", "quantity": "estimate"},
                   {"channel": "W", "region": crop},
@@ -105,11 +102,9 @@ def test_tiles_come_once_and_again_only_if_they_have_changed(folder):
     for _ in range(3):
         list(stage.shared(take, "W", dtype="float16", quantity="estimate", credit_bytes=1))
     assert len(os.listdir("/proc/self/fd")) == open_fds, "descriptors are left open"
-    stage.close()
 
 
-def test_a_factored_fetch_expands_to_what_the_daemon_sends_as_halves(folder):
-    rig, stage, take = photographed(folder)
+def a_factored_fetch_expands_to_what_the_daemon_sends_as_halves(rig, stage, take):
     how = {"region": (3, 7, 111, 90), "model": "sphere"}
     factored = stage.fetch_factored(take, ["R", "B"], lights=[2, 0, 7], **how)
     assert factored.lights == [2, 0, 7] and list(factored.ratios) == ["R", "B"]
@@ -120,7 +115,6 @@ def test_a_factored_fetch_expands_to_what_the_daemon_sends_as_halves(folder):
             assert np.array_equal(factored.picture(k, spectrum).view("u2"), pixels.view("u2"))
     one = stage.fetch_factored(take, ["R"], lights=[0])  # number 0 is a ratio, and a light
     assert one.lights == [0] and list(one.ratios) == ["R"]
-    stage.close()
 
 
 def test_pictures_are_fetched_while_their_take_runs(folder):
@@ -232,8 +226,7 @@ def refused(number, act):
         raise AssertionError(f"not refused with {number}")
 
 
-def test_relit_pictures_are_those_of_lightstagectl_to_the_bit(folder):
-    rig, stage, take = photographed(folder)
+def relit_pictures_are_those_of_lightstagectl(rig, stage, take):
     dice = np.random.default_rng(1)
     weights = {c: dice.uniform(0, 1, 12).astype(np.float32) for c in "WR"}
     rigs.write(rig.path("weights.json"), json.dumps({c: w.tolist() for c, w in weights.items()}))
@@ -259,7 +252,15 @@ def test_relit_pictures_are_those_of_lightstagectl_to_the_bit(folder):
         assert file.read(8) == b"\x89PNG\r\n\x1a\n" and len(file.read()) > 1000
     code = [line for line in rigs.read(EXAMPLE).splitlines()[2:] if line.strip()]
     assert len(code) <= 10, f"the example has grown to {len(code)} lines"
-    stage.close()
+
+
+def test_what_is_fetched_and_relit_is_that_of_lightstagectl_to_the_bit(folder):
+    with_take = photographed(folder)
+    pictures_are_those_of_lightstagectl(*with_take)
+    tiles_come_once_and_again_only_if_they_have_changed(*with_take)
+    a_factored_fetch_expands_to_what_the_daemon_sends_as_halves(*with_take)
+    relit_pictures_are_those_of_lightstagectl(*with_take)
+    with_take[1].close()
 
 
 def test_a_take_is_looked_at_described_and_refused_in_python(folder):
