@@ -29,7 +29,7 @@ static void wrong_command_lines_end_with_2_and_a_sentence(void)
         {"fetch x", "--channel NAME and --output PREFIX are needed"},
         {"fetch x --channel W --output p --region 1,2,3", "X,Y,WIDTH,HEIGHT"},
         {"fetch x --channel W --output p --region 1,2,3,0", "X,Y,WIDTH,HEIGHT"},
-        {"fetch x --channel W --output p --layout blue", "mosaic or rgb"},
+        {"fetch x --channel W --output p --layout blue", "mosaic, rgb or mono"},
         {"fetch x --channel W --output p --camera left", "the number of a camera"},
         {"fetch x --channel W --output p --full-sphere --lights 0", "leave out --lights"},
         {"fetch x --channel R --output p --model sphere", "add --layout rgb"},

@@ -4,6 +4,7 @@
 #include "tests/daemon/take_fixture.h"
 
 #include <poll.h>
+#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -226,6 +227,23 @@ static void a_lost_connection_ends_all_that_is_in_flight(struct stage *stage, gc
     lightstage_close(client);
 }
 
+static void the_example_prints_a_pictures_mean(struct stage *stage, gconstpointer data)
+{
+    struct made_take *take = make_take(stage->storage, true, -1);
+    char *words[] = {(char *)g_getenv("LIGHTSTAGE_EXAMPLE"), stage->socket_path, take->id,
+                     (char *)"W", NULL};
+    char *out = NULL;
+    int status = -1;
+    g_assert_true(
+        g_spawn_sync(NULL, words, NULL, G_SPAWN_DEFAULT, NULL, NULL, &out, NULL, &status, NULL));
+    g_assert_cmpint(status, ==, 0);
+    double mean = 0;
+    g_assert_cmpint(sscanf(out, "150 x 140 x 3, mean %lf", &mean), ==, 1);
+    g_assert_cmpfloat(mean, >, 0);
+    g_free(out);
+    made_take_free(take);
+}
+
 static void nothing(struct stage *stage, gconstpointer data)
 {
 }
@@ -246,6 +264,7 @@ int main(int argc, char **argv)
     ADD_LIBRARY("structs-of-older-and-newer-headers-are-taken",
                 structs_of_older_and_newer_headers_are_taken);
     ADD_LIBRARY("a-take-is-started-followed-and-told", a_take_is_started_followed_and_told);
+    ADD_LIBRARY("the-example-prints-a-pictures-mean", the_example_prints_a_pictures_mean);
     g_test_add("/liblightstage/a-lost-connection-ends-all-that-is-in-flight", struct stage, NULL,
                with_stage, a_lost_connection_ends_all_that_is_in_flight, nothing);
     return g_test_run();
