@@ -141,10 +141,12 @@ int ls_command_connect(struct ls_command_context *context)
         context->remote.url
             ? ls_connection_open_remote(&context->remote, &context->connection, &context->diag)
             : ls_connection_open(context->socket_path, &context->connection, &context->diag);
-    if (!err)
-        return LS_EXIT_OK;
-    ls_command_failed(context, err);
-    return LS_EXIT_UNREACHABLE;
+    if (err) {
+        ls_command_failed(context, err);
+        return LS_EXIT_UNREACHABLE;
+    }
+    ls_connection_let_in(context->connection, SIGINT); /* blocked elsewhere: take_follow.c */
+    return LS_EXIT_OK;
 }
 
 int ls_command_call(struct ls_command_context *context, uint16_t type, const ProtobufCMessage *body,

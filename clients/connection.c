@@ -23,6 +23,7 @@ struct ls_connection {
     struct ls_secure *secure; /* NULL: fd is a plain socket of ours, else it is secure's */
     uint32_t last_request;
     uint32_t error;
+    int let_in; /* a signal; 0: none */
     struct ls_frame_decoder decoder;
     bool frame_taken; /* the decoder's frame has been handed out */
     uint8_t *in;
@@ -111,15 +112,18 @@ enum ls_err ls_connection_send(struct ls_connection *connection, uint16_t type,
     return err == LS_ERR_GONE ? LS_OK : err;
 }
 
-/* Wait for bytes with SIGINT let through: a program that blocks it everywhere else (take_follow.c)
- * cannot miss one between looking at its count and waiting (interrupt.h brings it to this thread).
- */
-static bool interrupted_waiting(int fd)
+void ls_connection_let_in(struct ls_connection *connection, int signal_number)
 {
-    struct pollfd wait = {.fd = fd, .events = POLLIN};
+    connection->let_in = signal_number;
+}
+
+static bool interrupted_waiting(const struct ls_connection *connection)
+{
+    struct pollfd wait = {.fd = connection->fd, .events = POLLIN};
     sigset_t mask;
-    sigprocmask(SIG_SETMASK, NULL, &mask);
-    sigdelset(&mask, SIGINT);
+    pthread_sigmask(SIG_SETMASK, NULL, &mask);
+    if (connection->let_in)
+        sigdelset(&mask, connection->let_in);
     return ppoll(&wait, 1, NULL, &mask) < 0 && errno == EINTR;
 }
 
@@ -136,7 +140,7 @@ static enum ls_err read_more(struct ls_connection *connection, struct ls_diag *d
 {
     struct ls_secure *secure = connection->secure;
     size_t n = 0;
-    if (!(secure && ls_secure_has_bytes(secure)) && interrupted_waiting(connection->fd))
+    if (!(secure && ls_secure_has_bytes(secure)) && interrupted_waiting(connection))
         return ls_fail(diag, LS_ERR_ABORTED, "interrupted");
     enum ls_err err = secure ? ls_secure_read(secure, connection->in, READ_BYTES, &n, diag)
                              : read_plain(connection, &n, diag);

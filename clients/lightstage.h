@@ -1,6 +1,7 @@
 /*
  * lightstage: the C library of lightstaged: status, takes, pictures, relighting.
  * Threads: one at a time per client; clients do not share anything. Ownership: as stated.
+ * Signals: what the caller's thread blocks stays blocked; a handler that runs interrupts no call.
  *
  *     struct lightstage_address address = {sizeof address};
  *     struct lightstage *stage = NULL;

@@ -26,7 +26,8 @@ void ls_take_follow_signals(void)
     sigaction(SIGINT, &action, NULL);
     sigemptyset(&block);
     sigaddset(&block, SIGINT);
-    sigprocmask(SIG_BLOCK, &block, NULL); /* it arrives while the connection waits, only there */
+    sigprocmask(SIG_BLOCK, &block, NULL); /* it arrives while the connection waits, only there:
+                                           * command.c */
 }
 
 bool ls_take_token(char token[64])

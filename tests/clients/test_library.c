@@ -4,6 +4,7 @@
 #include "tests/daemon/take_fixture.h"
 
 #include <poll.h>
+#include <signal.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -227,6 +228,35 @@ static void a_lost_connection_ends_all_that_is_in_flight(struct stage *stage, gc
     lightstage_close(client);
 }
 
+static volatile sig_atomic_t interrupts;
+
+static void count_interrupt(int signal_number)
+{
+    interrupts++;
+}
+
+static void a_signal_that_is_blocked_stays_so(struct stage *stage, gconstpointer data)
+{
+    struct sigaction action = {.sa_handler = count_interrupt}, before;
+    struct lightstage_status *status = NULL;
+    sigset_t block, mask, pending;
+    g_assert_no_errno(sigaction(SIGINT, &action, &before));
+    sigemptyset(&block);
+    sigaddset(&block, SIGINT);
+    pthread_sigmask(SIG_BLOCK, &block, &mask);
+    g_assert_cmpint(raise(SIGINT), ==, 0);
+    struct lightstage *client = connected(stage);
+    g_assert_cmpuint(lightstage_status(client, &status, NULL), ==, 0);
+    g_assert_cmpint(interrupts, ==, 0);
+    sigpending(&pending);
+    g_assert_true(sigismember(&pending, SIGINT));
+    pthread_sigmask(SIG_SETMASK, &mask, NULL);
+    g_assert_cmpint(interrupts, ==, 1);
+    g_assert_no_errno(sigaction(SIGINT, &before, NULL));
+    lightstage_status_free(status);
+    lightstage_close(client);
+}
+
 static void the_example_prints_a_pictures_mean(struct stage *stage, gconstpointer data)
 {
     struct made_take *take = make_take(stage->storage, true, -1);
@@ -264,6 +294,7 @@ int main(int argc, char **argv)
     ADD_LIBRARY("structs-of-older-and-newer-headers-are-taken",
                 structs_of_older_and_newer_headers_are_taken);
     ADD_LIBRARY("a-take-is-started-followed-and-told", a_take_is_started_followed_and_told);
+    ADD_LIBRARY("a-signal-that-is-blocked-stays-so", a_signal_that_is_blocked_stays_so);
     ADD_LIBRARY("the-example-prints-a-pictures-mean", the_example_prints_a_pictures_mean);
     g_test_add("/liblightstage/a-lost-connection-ends-all-that-is-in-flight", struct stage, NULL,
                with_stage, a_lost_connection_ends_all_that_is_in_flight, nothing);
