@@ -1,0 +1,56 @@
+#!/usr/bin/python3 -B
+"""liblightstage and the real daemon: takes and pictures at its socket and by TLS."""
+import os
+import subprocess
+
+import numpy as np
+
+import harness
+import pictures
+
+LISTEN = """listen = { port = 0; certificate = "pki/server.pem"; key = "pki/server.key";
+  authority = "pki/authority.pem"; operators = ["operator"]; readers = ["reader"]; };"""
+PICTURES = 21  # of harness.PLAN with twelve lights: three darks, six spheres, twelve lights
+CLIENT = os.path.join(harness.BUILD, "tests", "integration", "library_client")
+
+
+def by_library(rig, what, who=None):
+    """(exit code, pixels, standard error) of the test's client; who: by TLS, as that."""
+    where = (rig.path("socket"),) if who is None else (
+        "tls://" + rig.daemon.ready["tls"], rig.path(f"pki/{who}.pem"), rig.path(f"pki/{who}.key"),
+        rig.path("pki/authority.pem"))
+    done = subprocess.run([CLIENT, what, *where], capture_output=True, timeout=60)
+    return done.returncode, np.frombuffer(done.stdout, np.float32), done.stderr.decode()
+
+
+def fetched_by_control(rig, take):
+    rig.control("fetch", take, "--channel", "R", "--lights", "0,7", "--model", "sphere",
+                "--layout", "rgb", "--output", rig.path("control"))
+    return [pictures.read(rig.path(f"control.{light:04d}.exr")) for light in (1, 8)]
+
+
+def test_takes_and_pictures_are_the_same_by_the_library_at_the_socket_and_by_tls(folder):
+    rig = harness.twelve(folder, daemon_extra=LISTEN)
+    rig.control("pki", "init", rig.path("pki"))
+    rig.start()
+    harness.stage.write(rig.path("plan.conf"), harness.PLAN)
+    for who in None, "operator":
+        code, pixels, said = by_library(rig, rig.path("plan.conf"), who)
+        assert code == 0, said
+        take = rig.takes()[-1]
+        assert take["state"] == "complete", take
+        assert said.split() == [take["id"], "state", "3", str(PICTURES), "conditions", "cameras",
+                                "1", "told"], said
+        expected = np.concatenate([p.ravel() for p in fetched_by_control(rig, take["id"])])
+        assert expected.any() and np.array_equal(pixels, expected), who
+        for other in None, "operator", "reader":
+            code, again, said = by_library(rig, take["id"], other)
+            assert code == 0 and np.array_equal(again, expected), (other, said)
+    before = len(rig.takes())
+    code, _, said = by_library(rig, rig.path("plan.conf"), "reader")
+    assert code == 1 and said.startswith("110: ") and len(rig.takes()) == before, said
+    code, _, said = by_library(rig, take["id"], "server")
+    assert code == 1 and said[0] in "124", said
+
+
+harness.main(globals())
