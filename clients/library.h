@@ -32,4 +32,19 @@ uint32_t ls_library_call(struct lightstage *stage, uint16_t type, const Protobuf
                          const void *payload, size_t payload_bytes, ls_on_reply *on_reply,
                          const void *user, size_t user_bytes, struct lightstage_error *error);
 
+/** Memory of @bytes, all 0, which also keeps the message of @reply: it is the memory's from now on,
+ * and what it says may be pointed to. NULL: no memory, and @error says so. ls_library_release. */
+void *ls_library_keep(const struct ls_reply *reply, size_t bytes, struct lightstage_error *error);
+
+/** NULL is allowed. */
+void ls_library_release(void *kept);
+
+/** What a caller gets of a reply, by ls_library_keep; NULL: @error says why. */
+typedef void *ls_make_kept(const struct ls_reply *reply, struct lightstage_error *error);
+
+/** Send a request and wait for its one reply; what @make makes of it goes to *@out, a pointer. */
+uint32_t ls_library_ask(struct lightstage *stage, uint16_t type, const ProtobufCMessage *body,
+                        const void *payload, size_t payload_bytes, ls_make_kept *make, void *out,
+                        struct lightstage_error *error);
+
 #endif

@@ -170,6 +170,107 @@ void lightstage_text_free(char *text);
 /** All lights off, now; a running take ends. */
 uint32_t lightstage_blank(struct lightstage *stage, struct lightstage_error *error);
 
+/* ---- the rig, and takes on disk ----
+ * What a call hands out, *out: (transfer full), its ..._free, which allows NULL. */
+
+struct lightstage_channel {
+    const char *name;
+    int polariser; /* of light, rather than a spectrum */
+};
+
+struct lightstage_rig_camera {
+    const char *name;
+    float position_m[3], look_at_m[3];
+    float focal_length_mm, sensor_width_mm, sensor_height_mm;
+};
+
+struct lightstage_rig {
+    const char *name;
+    uint32_t n_lights;
+    const float *positions_m; /* [n_lights][3] */
+    size_t n_channels;
+    const struct lightstage_channel *const *channels;
+    size_t n_cameras;
+    const struct lightstage_rig_camera *const *cameras;
+};
+
+uint32_t lightstage_rig(struct lightstage *stage, struct lightstage_rig **out,
+                        struct lightstage_error *error);
+void lightstage_rig_free(struct lightstage_rig *rig);
+
+/** What a plan would cost. */
+struct lightstage_preflight {
+    uint32_t conditions, steps, shots;
+    double seconds;
+    uint64_t bytes, disk_free_bytes;
+    double dark_noise_share;         /* of a relit picture's */
+    double energy_j, peak_current_a; /* of the LEDs; 0 where the controller tells no power */
+    double led_duty;                 /* of the busiest: mean over the take */
+    const char *bracket;             /* how exposures are made */
+    const char *warnings;            /* one a line */
+};
+
+/** Try @plan, the text of a plan file, without lighting anything. */
+uint32_t lightstage_preflight(struct lightstage *stage, const char *plan,
+                              struct lightstage_preflight **out, struct lightstage_error *error);
+void lightstage_preflight_free(struct lightstage_preflight *preflight);
+
+struct lightstage_take_summary {
+    const char *id, *name;
+    const char *state;   /* as in take.json, or "damaged" */
+    const char *problem; /* why it cannot be read; empty if it can */
+    uint32_t conditions_planned;
+};
+
+typedef int lightstage_on_take(const struct lightstage_take_summary *take, void *user);
+
+/** Every take of the daemon's storage; a callback that does not return 0 ends it (204). */
+uint32_t lightstage_take_list(struct lightstage *stage, lightstage_on_take *callback, void *user,
+                              struct lightstage_error *error);
+
+struct lightstage_verified {
+    uint32_t conditions_checked, conditions_missing, conditions_damaged;
+    uint32_t shots_planned, shots_ticketed; /* received whole and bound */
+    size_t n_findings;                      /* the first ones, a sentence each */
+    const char *const *findings;
+    uint32_t findings_left_out; /* the others */
+};
+
+/** Read every picture of @take. Findings are no error: 0 says only that all has been looked at. */
+uint32_t lightstage_take_verify(struct lightstage *stage, const char *take,
+                                struct lightstage_verified **out, struct lightstage_error *error);
+void lightstage_verified_free(struct lightstage_verified *verified);
+
+/** What people write down about a take. Filled by either side. */
+struct lightstage_slate {
+    size_t size;
+    const char *slate, *scene;
+    const char *timecode; /* HH:MM:SS:FF, or ;FF for drop frame */
+    const char *notes;
+    uint32_t take; /* 0: none */
+    int circled;
+    int damaged; /* out: what was there could not be read, and is kept beside */
+};
+
+enum lightstage_slate_field {
+    LIGHTSTAGE_SLATE = 1 << 0,
+    LIGHTSTAGE_SLATE_SCENE = 1 << 1,
+    LIGHTSTAGE_SLATE_TAKE = 1 << 2,
+    LIGHTSTAGE_SLATE_CIRCLED = 1 << 3,
+    LIGHTSTAGE_SLATE_TIMECODE = 1 << 4,
+    LIGHTSTAGE_SLATE_NOTES = 1 << 5,
+};
+
+uint32_t lightstage_take_slate(struct lightstage *stage, const char *take,
+                               struct lightstage_slate **out, struct lightstage_error *error);
+
+/** Change those of @fields (enum lightstage_slate_field, or-ed) to what @write says; a text that is
+ * NULL is empty. *out: as it now is. */
+uint32_t lightstage_take_slate_write(struct lightstage *stage, const char *take,
+                                     const struct lightstage_slate *write, uint32_t fields,
+                                     struct lightstage_slate **out, struct lightstage_error *error);
+void lightstage_slate_free(struct lightstage_slate *slate);
+
 /* ---- pictures ---- */
 
 struct lightstage_region { /* in pixels of full size; all 0: the whole picture; never grows */

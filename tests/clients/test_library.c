@@ -211,6 +211,109 @@ static void a_take_is_started_followed_and_told(struct stage *stage, gconstpoint
     lightstage_close(client);
 }
 
+static void the_rig_and_a_plans_cost_are_told(struct stage *stage, gconstpointer data)
+{
+    struct lightstage *client = connected(stage);
+    struct lightstage_rig *rig = NULL;
+    struct lightstage_preflight *cost = NULL;
+    g_assert_cmpuint(lightstage_rig(client, &rig, NULL), ==, 0);
+    g_assert_cmpstr(rig->name, ==, "test rig");
+    g_assert_cmpuint(rig->n_lights, ==, 2);
+    g_assert_cmpfloat(rig->positions_m[1], ==, 1);
+    g_assert_cmpfloat(rig->positions_m[5], ==, 1.5f);
+    g_assert_cmpuint(rig->n_channels, ==, 2);
+    g_assert_cmpstr(rig->channels[1]->name, ==, "R");
+    g_assert_cmpuint(rig->n_cameras, ==, 1);
+    g_assert_cmpstr(rig->cameras[0]->name, ==, "front");
+    g_assert_cmpfloat(rig->cameras[0]->focal_length_mm, ==, 50);
+    g_assert_cmpuint(lightstage_preflight(client, "subject", &cost, NULL), ==, 0);
+    g_assert_cmpuint(cost->shots, ==, strlen("subject")); /* the fixture's */
+    g_assert_cmpfloat(cost->seconds, ==, 12.5);
+    lightstage_close(client);
+    g_assert_cmpstr(rig->channels[0]->name, ==, "W"); /* it outlives the client */
+    g_assert_cmpstr(cost->warnings, ==, "");
+    lightstage_rig_free(rig);
+    lightstage_preflight_free(cost);
+}
+
+struct listed {
+    uint32_t n;
+    char id[64];
+};
+
+static int keep_id(const struct lightstage_take_summary *take, void *user)
+{
+    struct listed *listed = user;
+    g_assert_cmpstr(take->problem, ==, "");
+    g_assert_cmpuint(take->conditions_planned, >=, TAKE_LIGHTS);
+    g_strlcpy(listed->id, take->id, sizeof listed->id);
+    return ++listed->n == 2;
+}
+
+static void takes_on_disk_are_listed_and_verified(struct stage *stage, gconstpointer data)
+{
+    struct made_take *take = make_take(stage->storage, true, 3);
+    struct lightstage *client = connected(stage);
+    struct listed listed = {0};
+    struct lightstage_verified *verified = NULL;
+    struct lightstage_error error;
+    g_assert_cmpuint(lightstage_take_list(client, keep_id, &listed, NULL), ==, 0);
+    g_assert_cmpuint(listed.n, ==, 1);
+    g_assert_cmpstr(listed.id, ==, take->id);
+    listed.n = 1; /* the callback stops at 2 */
+    g_assert_cmpuint(lightstage_take_list(client, keep_id, &listed, NULL), ==,
+                     LIGHTSTAGE_CANCELLED);
+    g_assert_cmpuint(lightstage_take_verify(client, take->id, &verified, NULL), ==, 0);
+    g_assert_cmpuint(verified->conditions_missing, ==, 1);
+    g_assert_cmpuint(verified->n_findings, >, 0);
+    g_assert_cmpstr(verified->findings[0], !=, "");
+    lightstage_verified_free(verified);
+    g_assert_cmpuint(lightstage_take_verify(client, "none", &verified, &error), !=, 0);
+    g_assert_cmpstr(error.text, !=, "");
+    lightstage_close(client);
+    made_take_free(take);
+}
+
+static void a_slate_is_written_field_by_field(struct stage *stage, gconstpointer data)
+{
+    struct made_take *take = make_take(stage->storage, true, -1);
+    struct lightstage *client = connected(stage);
+    struct lightstage_slate write = {.size = sizeof write, .slate = "12A", .scene = "other"}, *is;
+    g_assert_cmpuint(lightstage_take_slate(client, take->id, &is, NULL), ==, 0);
+    g_assert_cmpstr(is->slate, ==, "");
+    lightstage_slate_free(is);
+    write.take = 4;
+    write.circled = 1;
+    write.timecode = "10:00:00:12";
+    g_assert_cmpuint(lightstage_take_slate_write(client, take->id, &write,
+                                                 LIGHTSTAGE_SLATE | LIGHTSTAGE_SLATE_TAKE |
+                                                     LIGHTSTAGE_SLATE_CIRCLED,
+                                                 &is, NULL),
+                     ==, 0);
+    lightstage_slate_free(is);
+    write.slate = NULL;
+    write.take = 0;
+    write.notes = "soft";
+    g_assert_cmpuint(lightstage_take_slate_write(client, take->id, &write,
+                                                 LIGHTSTAGE_SLATE_TIMECODE | LIGHTSTAGE_SLATE_NOTES,
+                                                 &is, NULL),
+                     ==, 0);
+    lightstage_slate_free(is);
+    g_assert_cmpuint(lightstage_take_slate_write(client, take->id, &write, 0, &is, NULL), ==,
+                     LIGHTSTAGE_BAD_ARGUMENT);
+    g_assert_cmpuint(lightstage_take_slate(client, take->id, &is, NULL), ==, 0);
+    g_assert_cmpstr(is->slate, ==, "12A");
+    g_assert_cmpstr(is->scene, ==, "");
+    g_assert_cmpuint(is->take, ==, 4);
+    g_assert_cmpint(is->circled, ==, 1);
+    g_assert_cmpstr(is->timecode, ==, "10:00:00:12");
+    g_assert_cmpstr(is->notes, ==, "soft");
+    g_assert_cmpint(is->damaged, ==, 0);
+    lightstage_slate_free(is);
+    lightstage_close(client);
+    made_take_free(take);
+}
+
 static void a_lost_connection_ends_all_that_is_in_flight(struct stage *stage, gconstpointer data)
 {
     struct lightstage *client = connected(stage);
@@ -294,6 +397,9 @@ int main(int argc, char **argv)
     ADD_LIBRARY("structs-of-older-and-newer-headers-are-taken",
                 structs_of_older_and_newer_headers_are_taken);
     ADD_LIBRARY("a-take-is-started-followed-and-told", a_take_is_started_followed_and_told);
+    ADD_LIBRARY("the-rig-and-a-plans-cost-are-told", the_rig_and_a_plans_cost_are_told);
+    ADD_LIBRARY("takes-on-disk-are-listed-and-verified", takes_on_disk_are_listed_and_verified);
+    ADD_LIBRARY("a-slate-is-written-field-by-field", a_slate_is_written_field_by_field);
     ADD_LIBRARY("a-signal-that-is-blocked-stays-so", a_signal_that_is_blocked_stays_so);
     ADD_LIBRARY("the-example-prints-a-pictures-mean", the_example_prints_a_pictures_mean);
     g_test_add("/liblightstage/a-lost-connection-ends-all-that-is-in-flight", struct stage, NULL,
