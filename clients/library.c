@@ -178,17 +178,24 @@ uint32_t ls_library_begin(struct lightstage *stage, uint16_t type, const Protobu
     return 0;
 }
 
+uint32_t ls_library_tell(struct lightstage *stage, uint16_t type, const ProtobufCMessage *body,
+                         struct lightstage_error *error)
+{
+    struct ls_diag diag = {0};
+    uint32_t request = 0;
+    if (stage->lost)
+        return ls_library_fail(error, LIGHTSTAGE_LOST, "the connection to the daemon is lost");
+    enum ls_err err = ls_connection_send(stage->connection, type, body, NULL, 0, &request, &diag);
+    return err ? ls_library_fail(error, own_number(err), "%s", diag.text) : 0;
+}
+
 static uint32_t send_cancel(struct lightstage *stage, struct in_flight *flight,
                             struct lightstage_error *error)
 {
     Lightstage__Cancel body = LIGHTSTAGE__CANCEL__INIT;
-    struct ls_diag diag = {0};
-    uint32_t request = 0;
     body.request = flight->request;
     flight->cancelled = true;
-    enum ls_err err = ls_connection_send(stage->connection, LS_MESSAGE_CANCEL, &body.base, NULL, 0,
-                                         &request, &diag);
-    return err ? ls_library_fail(error, own_number(err), "%s", diag.text) : 0;
+    return ls_library_tell(stage, LS_MESSAGE_CANCEL, &body.base, error);
 }
 
 uint32_t lightstage_cancel(struct lightstage *stage, uint32_t request,

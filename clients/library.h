@@ -32,6 +32,10 @@ uint32_t ls_library_call(struct lightstage *stage, uint16_t type, const Protobuf
                          const void *payload, size_t payload_bytes, ls_on_reply *on_reply,
                          const void *user, size_t user_bytes, struct lightstage_error *error);
 
+/** Send a request whose reply is of no interest. */
+uint32_t ls_library_tell(struct lightstage *stage, uint16_t type, const ProtobufCMessage *body,
+                         struct lightstage_error *error);
+
 /** Memory of @bytes, all 0, which also keeps the message of @reply: it is the memory's from now on,
  * and what it says may be pointed to. NULL: no memory, and @error says so. ls_library_release. */
 void *ls_library_keep(const struct ls_reply *reply, size_t bytes, struct lightstage_error *error);

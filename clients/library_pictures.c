@@ -1,6 +1,8 @@
 /* Fetch and Relight. */
 #include "clients/library.h"
 
+#include "core/factored.h"
+
 #include <stdlib.h>
 #include <string.h>
 
@@ -35,14 +37,9 @@ struct fetch_call {
     void *user;
 };
 
-static uint32_t take_band(const struct ls_reply *reply, void *user, struct lightstage_error *error)
+static struct lightstage_band band_of(const Lightstage__FetchReply *r)
 {
-    const Lightstage__FetchReply *r = (const Lightstage__FetchReply *)reply->message;
-    const struct fetch_call *call = user;
-    size_t sample = r->sample == LIGHTSTAGE__SAMPLE__HALF ? 2 : 4;
-    const struct lightstage_band band = {
-        .values = reply->payload,
-        .values_bytes = reply->payload_bytes,
+    return (struct lightstage_band){
         .light = r->light,
         .width = r->width,
         .height = r->height,
@@ -53,13 +50,33 @@ static uint32_t take_band(const struct ls_reply *reply, void *user, struct light
         .reference_exposure_s = r->reference_exposure_s,
         .gain_k = r->gain_k,
         .calibrated = r->calibrated,
+        .factor = (enum lightstage_factor)r->factor,
+        .gain = r->gain,
+        .spectrum = r->spectrum ? r->spectrum->channel : NULL,
     };
+}
+
+static uint32_t take_band(const struct ls_reply *reply, void *user, struct lightstage_error *error)
+{
+    const Lightstage__FetchReply *r = (const Lightstage__FetchReply *)reply->message;
+    const struct fetch_call *call = user;
+    struct lightstage_band band = band_of(r);
+    size_t sample = r->sample == LIGHTSTAGE__SAMPLE__HALF ? 2 : 4;
+    size_t pixels = (size_t)r->width * r->n_rows;
+    size_t variances = r->variance ? sizeof(float) * pixels : 0;
+    size_t validities = r->validity ? pixels : 0;
     /* 2^16 of each at most, so that no product overflows */
     if (r->width > 65536 || r->height > 65536 || r->components > 16 || r->first_row > r->height ||
         r->n_rows > r->height - r->first_row ||
-        reply->payload_bytes != sample * r->components * r->width * r->n_rows)
+        reply->payload_bytes != sample * r->components * pixels + variances + validities)
         return ls_library_fail(error, LIGHTSTAGE_STRANGE,
                                "the daemon sent rows that do not fit the picture");
+    band.values = reply->payload;
+    band.values_bytes = sample * r->components * pixels;
+    if (r->variance)
+        band.variance = reply->payload + band.values_bytes;
+    if (r->validity)
+        band.validity = reply->payload + band.values_bytes + variances;
     return call->callback(&band, call->user)
                ? ls_library_fail(error, LIGHTSTAGE_CANCELLED, "cancelled by the callback")
                : 0;
@@ -78,15 +95,24 @@ uint32_t lightstage_fetch_begin(struct lightstage *stage, const struct lightstag
         number = fill_promoted(&promoted, f.promotion, &f.region, error);
     if (number)
         return number;
-    if (!f.take || !f.channel)
-        return ls_library_fail(error, LIGHTSTAGE_BAD_ARGUMENT, "a take and a channel are needed");
+    if (!f.take || !(f.channel || f.n_conditions || f.factored))
+        return ls_library_fail(error, LIGHTSTAGE_BAD_ARGUMENT,
+                               "a take and a channel (or conditions, or factored) are needed");
     body.take = (char *)f.take;
-    body.channel = (char *)f.channel;
+    body.channel = (char *)(f.channel ? f.channel : "");
+    body.conditions = (char **)f.conditions;
+    body.n_conditions = f.n_conditions;
+    body.variance = f.variance != 0;
+    body.validity = f.validity != 0;
+    body.factored = f.factored != 0;
+    body.spectra = (char **)f.spectra;
+    body.n_spectra = f.n_spectra;
+    body.credit_bytes = f.credit_bytes;
     body.lights = (uint32_t *)f.lights;
     body.n_lights = f.n_lights;
     body.full_sphere = f.full_sphere != 0;
     body.region = &promoted.region;
-    body.promotion = &promoted.promotion;
+    body.promotion = f.promotion ? &promoted.promotion : NULL;
     body.layout = (Lightstage__Layout)f.layout;
     body.quantity = (Lightstage__Quantity)f.quantity;
     body.sample = (Lightstage__Sample)f.sample;
@@ -96,11 +122,32 @@ uint32_t lightstage_fetch_begin(struct lightstage *stage, const struct lightstag
                             sizeof call, request, error);
 }
 
+uint32_t lightstage_credit(struct lightstage *stage, uint32_t request, uint64_t bytes,
+                           struct lightstage_error *error)
+{
+    Lightstage__Credit body = LIGHTSTAGE__CREDIT__INIT;
+    body.request = request;
+    body.bytes = bytes;
+    return ls_library_tell(stage, LS_MESSAGE_CREDIT, &body.base, error);
+}
+
+size_t lightstage_expand(const uint16_t *white, float gain, const uint16_t *ratio, size_t n,
+                         uint16_t *out)
+{
+    return ls_factored_expand(white, gain, ratio, n, out);
+}
+
 uint32_t lightstage_fetch(struct lightstage *stage, const struct lightstage_fetch *fetch,
                           lightstage_on_band *callback, void *user, struct lightstage_error *error)
 {
     uint32_t request = 0;
-    uint32_t number = lightstage_fetch_begin(stage, fetch, callback, user, &request, error);
+    struct lightstage_fetch f;
+    uint32_t number = ls_library_take_in(&f, sizeof f, fetch, error);
+    if (!number && f.credit_bytes)
+        number = ls_library_fail(error, LIGHTSTAGE_BAD_ARGUMENT,
+                                 "credit_bytes goes with lightstage_fetch_begin");
+    if (!number)
+        number = lightstage_fetch_begin(stage, fetch, callback, user, &request, error);
     return number ? number : lightstage_wait(stage, request, error);
 }
 
@@ -134,7 +181,14 @@ uint32_t lightstage_fetch_into(struct lightstage *stage, const struct lightstage
                                struct lightstage_error *error)
 {
     struct into into = {.to = buffer, .bytes = bytes};
-    uint32_t number = lightstage_fetch(stage, fetch, append_band, &into, error);
+    struct lightstage_fetch f;
+    uint32_t number = ls_library_take_in(&f, sizeof f, fetch, error);
+    if (!number && f.factored)
+        number = ls_library_fail(error, LIGHTSTAGE_BAD_ARGUMENT,
+                                 "a factored fetch has gains that a buffer has no room for");
+    if (number)
+        return number;
+    number = lightstage_fetch(stage, fetch, append_band, &into, error);
     if (into.too_small)
         return ls_library_fail(error, LIGHTSTAGE_OVER_LIMIT,
                                "the pictures, of %u x %u pixels of %u, do not fit into %zu bytes",

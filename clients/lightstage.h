@@ -313,6 +313,32 @@ struct lightstage_fetch {
     enum lightstage_sample sample;
     uint32_t camera;
     uint32_t level; /* 0, 1, 2: full, half, quarter size */
+    /* pictures by their names in the plan, whatever lights they show, as stored: MEASURED, MOSAIC
+     * and ESTIMATE, without channel, lights and full_sphere; band.light counts them from 0 */
+    const char *const *conditions;
+    size_t n_conditions;
+    int variance, validity; /* of each pixel as photographed: with MOSAIC */
+    /* what lights under many spectra are made of, by SPHERE or HEADLIGHT, HALF and RGB, without
+     * channel: the ratio picture of each of `spectra`, then each light's white */
+    int factored;
+    const char *const *spectra;
+    size_t n_spectra;
+    uint64_t credit_bytes; /* of values that may come before lightstage_credit gives more; 0: not
+                            * counted */
+};
+
+/** What a band of a factored fetch is of. */
+enum lightstage_factor {
+    LIGHTSTAGE_WHOLE = 0, /* not factored */
+    LIGHTSTAGE_RATIO = 1, /* spectrum over white, the same for every light */
+    LIGHTSTAGE_WHITE = 2, /* band.light, to be multiplied by ratio and band.gain */
+};
+
+enum lightstage_validity { /* a byte each */
+                           LIGHTSTAGE_OK = 0,
+                           LIGHTSTAGE_SATURATED = 1, /* a lower bound */
+                           LIGHTSTAGE_DARK = 2,      /* unbiased, but noisy */
+                           LIGHTSTAGE_GAP = 3,       /* between two exposures too far apart */
 };
 
 /** Rows of one picture: [n_rows][width][components] values. */
@@ -326,6 +352,11 @@ struct lightstage_band {
     double reference_exposure_s; /* ESTIMATE: value = E x this */
     double gain_k;               /* that the values have been multiplied by */
     int calibrated;
+    const void *variance; /* float [n_rows][width], unit of the values squared; NULL: not asked */
+    const uint8_t *validity; /* [n_rows][width], enum lightstage_validity; NULL: not asked */
+    enum lightstage_factor factor;
+    float gain;
+    const char *spectrum; /* with a picture's first band; else NULL */
 };
 
 typedef int lightstage_on_band(const struct lightstage_band *band, void *user);
@@ -335,7 +366,18 @@ uint32_t lightstage_fetch_begin(struct lightstage *stage, const struct lightstag
                                 lightstage_on_band *callback, void *user, uint32_t *request,
                                 struct lightstage_error *error);
 
-/** The same, to its end. */
+/** Let @request, begun with credit_bytes, send @bytes more: from its callback, or whenever its
+ * bytes are done with. */
+uint32_t lightstage_credit(struct lightstage *stage, uint32_t request, uint64_t bytes,
+                           struct lightstage_error *error);
+
+/** out[j] = gain white[j] ratio[j], [n] halves of the same rows, aligned; bit for bit what the
+ * daemon sends of that light under that spectrum as HALF. Returns how many are 0 for not being
+ * finite. */
+size_t lightstage_expand(const uint16_t *white, float gain, const uint16_t *ratio, size_t n,
+                         uint16_t *out);
+
+/** The same as ..._begin, to its end; without credit_bytes (107). */
 uint32_t lightstage_fetch(struct lightstage *stage, const struct lightstage_fetch *fetch,
                           lightstage_on_band *callback, void *user, struct lightstage_error *error);
 
@@ -346,7 +388,8 @@ struct lightstage_shape {
 };
 
 /** The same into @buffer of @bytes, without gaps. LIGHTSTAGE_OVER_LIMIT: it is too small for them;
- * what it holds then is not to be used. */
+ * what it holds then is not to be used. Not for factored fetches, whose gains it would drop (107).
+ */
 uint32_t lightstage_fetch_into(struct lightstage *stage, const struct lightstage_fetch *fetch,
                                void *buffer, size_t bytes, struct lightstage_shape *shape,
                                struct lightstage_error *error);
