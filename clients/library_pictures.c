@@ -1,32 +1,28 @@
 /* Fetch and Relight. */
-#include "clients/library.h"
+#include "clients/library_pictures.h"
 
 #include "core/factored.h"
 
 #include <stdlib.h>
 #include <string.h>
 
-struct promoted {
-    Lightstage__Promotion promotion;
-    Lightstage__Region region;
-};
-
-static uint32_t fill_promoted(struct promoted *out, const struct lightstage_promotion *promotion,
+static uint32_t fill_promoted(Lightstage__Promotion *to, Lightstage__Region *to_region,
+                              const struct lightstage_promotion *promotion,
                               const struct lightstage_region *region,
                               struct lightstage_error *error)
 {
     struct lightstage_promotion p = {0};
     uint32_t number = promotion ? ls_library_take_in(&p, sizeof p, promotion, error) : 0;
-    lightstage__promotion__init(&out->promotion);
-    lightstage__region__init(&out->region);
-    out->promotion.model = (Lightstage__Model)p.model;
-    out->promotion.reference = (Lightstage__Reference)p.reference;
-    out->promotion.ideal_polarisation = p.ideal_polarisation != 0;
-    out->promotion.plain_conductors = p.plain_conductors != 0;
-    out->region.x = region->x;
-    out->region.y = region->y;
-    out->region.width = region->width;
-    out->region.height = region->height;
+    lightstage__promotion__init(to);
+    lightstage__region__init(to_region);
+    to->model = (Lightstage__Model)p.model;
+    to->reference = (Lightstage__Reference)p.reference;
+    to->ideal_polarisation = p.ideal_polarisation != 0;
+    to->plain_conductors = p.plain_conductors != 0;
+    to_region->x = region->x;
+    to_region->y = region->y;
+    to_region->width = region->width;
+    to_region->height = region->height;
     return number;
 }
 
@@ -37,7 +33,7 @@ struct fetch_call {
     void *user;
 };
 
-static struct lightstage_band band_of(const Lightstage__FetchReply *r)
+struct lightstage_band ls_library_band(const Lightstage__FetchReply *r)
 {
     return (struct lightstage_band){
         .light = r->light,
@@ -60,7 +56,7 @@ static uint32_t take_band(const struct ls_reply *reply, void *user, struct light
 {
     const Lightstage__FetchReply *r = (const Lightstage__FetchReply *)reply->message;
     const struct fetch_call *call = user;
-    struct lightstage_band band = band_of(r);
+    struct lightstage_band band = ls_library_band(r);
     size_t sample = r->sample == LIGHTSTAGE__SAMPLE__HALF ? 2 : 4;
     size_t pixels = (size_t)r->width * r->n_rows;
     size_t variances = r->variance ? sizeof(float) * pixels : 0;
@@ -82,44 +78,63 @@ static uint32_t take_band(const struct ls_reply *reply, void *user, struct light
                : 0;
 }
 
-uint32_t lightstage_fetch_begin(struct lightstage *stage, const struct lightstage_fetch *fetch,
-                                lightstage_on_band *callback, void *user, uint32_t *request,
-                                struct lightstage_error *error)
+uint32_t ls_library_fill_fetch(struct ls_library_fetch *out, const struct lightstage_fetch *fetch,
+                               struct lightstage_error *error)
 {
-    Lightstage__Fetch body = LIGHTSTAGE__FETCH__INIT;
+    Lightstage__Fetch *body = &out->body;
     struct lightstage_fetch f;
-    struct promoted promoted;
-    const struct fetch_call call = {callback, user};
     uint32_t number = ls_library_take_in(&f, sizeof f, fetch, error);
     if (!number)
-        number = fill_promoted(&promoted, f.promotion, &f.region, error);
+        number = fill_promoted(&out->promotion, &out->region, f.promotion, &f.region, error);
     if (number)
         return number;
     if (!f.take || !(f.channel || f.n_conditions || f.factored))
         return ls_library_fail(error, LIGHTSTAGE_BAD_ARGUMENT,
                                "a take and a channel (or conditions, or factored) are needed");
-    body.take = (char *)f.take;
-    body.channel = (char *)(f.channel ? f.channel : "");
-    body.conditions = (char **)f.conditions;
-    body.n_conditions = f.n_conditions;
-    body.variance = f.variance != 0;
-    body.validity = f.validity != 0;
-    body.factored = f.factored != 0;
-    body.spectra = (char **)f.spectra;
-    body.n_spectra = f.n_spectra;
-    body.credit_bytes = f.credit_bytes;
-    body.lights = (uint32_t *)f.lights;
-    body.n_lights = f.n_lights;
-    body.full_sphere = f.full_sphere != 0;
-    body.region = &promoted.region;
-    body.promotion = f.promotion ? &promoted.promotion : NULL;
-    body.layout = (Lightstage__Layout)f.layout;
-    body.quantity = (Lightstage__Quantity)f.quantity;
-    body.sample = (Lightstage__Sample)f.sample;
-    body.camera = f.camera;
-    body.level = f.level;
-    return ls_library_begin(stage, LS_MESSAGE_FETCH, &body.base, NULL, 0, take_band, &call,
-                            sizeof call, request, error);
+    lightstage__fetch__init(body);
+    body->take = (char *)f.take;
+    body->channel = (char *)(f.channel ? f.channel : "");
+    body->conditions = (char **)f.conditions;
+    body->n_conditions = f.n_conditions;
+    body->variance = f.variance != 0;
+    body->validity = f.validity != 0;
+    body->factored = f.factored != 0;
+    body->spectra = (char **)f.spectra;
+    body->n_spectra = f.n_spectra;
+    body->credit_bytes = f.credit_bytes;
+    body->lights = (uint32_t *)f.lights;
+    body->n_lights = f.n_lights;
+    body->full_sphere = f.full_sphere != 0;
+    body->region = &out->region;
+    body->promotion = f.promotion ? &out->promotion : NULL;
+    body->layout = (Lightstage__Layout)f.layout;
+    body->quantity = (Lightstage__Quantity)f.quantity;
+    body->sample = (Lightstage__Sample)f.sample;
+    body->camera = f.camera;
+    body->level = f.level;
+    return 0;
+}
+
+uint32_t ls_library_no_credit(const struct lightstage_fetch *fetch, struct lightstage_error *error)
+{
+    struct lightstage_fetch f;
+    uint32_t number = ls_library_take_in(&f, sizeof f, fetch, error);
+    if (!number && f.credit_bytes)
+        number = ls_library_fail(error, LIGHTSTAGE_BAD_ARGUMENT,
+                                 "credit_bytes goes with a call named _begin");
+    return number;
+}
+
+uint32_t lightstage_fetch_begin(struct lightstage *stage, const struct lightstage_fetch *fetch,
+                                lightstage_on_band *callback, void *user, uint32_t *request,
+                                struct lightstage_error *error)
+{
+    struct ls_library_fetch own;
+    const struct fetch_call call = {callback, user};
+    uint32_t number = ls_library_fill_fetch(&own, fetch, error);
+    return number ? number
+                  : ls_library_begin(stage, LS_MESSAGE_FETCH, &own.body.base, NULL, 0, take_band,
+                                     &call, sizeof call, request, error);
 }
 
 uint32_t lightstage_credit(struct lightstage *stage, uint32_t request, uint64_t bytes,
@@ -141,11 +156,7 @@ uint32_t lightstage_fetch(struct lightstage *stage, const struct lightstage_fetc
                           lightstage_on_band *callback, void *user, struct lightstage_error *error)
 {
     uint32_t request = 0;
-    struct lightstage_fetch f;
-    uint32_t number = ls_library_take_in(&f, sizeof f, fetch, error);
-    if (!number && f.credit_bytes)
-        number = ls_library_fail(error, LIGHTSTAGE_BAD_ARGUMENT,
-                                 "credit_bytes goes with lightstage_fetch_begin");
+    uint32_t number = ls_library_no_credit(fetch, error);
     if (!number)
         number = lightstage_fetch_begin(stage, fetch, callback, user, &request, error);
     return number ? number : lightstage_wait(stage, request, error);
@@ -256,11 +267,12 @@ uint32_t lightstage_relight_begin(struct lightstage *stage,
 {
     Lightstage__Relight body = LIGHTSTAGE__RELIGHT__INIT;
     struct lightstage_relight r;
-    struct promoted promoted;
+    Lightstage__Promotion promotion;
+    Lightstage__Region region;
     const struct relight_call call = {callback, user};
     uint32_t number = ls_library_take_in(&r, sizeof r, relight, error);
     if (!number)
-        number = fill_promoted(&promoted, r.promotion, &r.region, error);
+        number = fill_promoted(&promotion, &region, r.promotion, &r.region, error);
     if (number)
         return number;
     if (!r.take || !r.weights || !weights_bytes(&r))
@@ -272,8 +284,8 @@ uint32_t lightstage_relight_begin(struct lightstage *stage,
     body.n_channels = r.n_channels;
     body.n_lights = r.n_lights;
     body.n_pictures = r.n_pictures;
-    body.region = &promoted.region;
-    body.promotion = r.promotion ? &promoted.promotion : NULL;
+    body.region = &region;
+    body.promotion = r.promotion ? &promotion : NULL;
     body.max_error = r.max_error;
     body.camera = r.camera;
     body.level = r.level;

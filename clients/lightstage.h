@@ -381,6 +381,40 @@ size_t lightstage_expand(const uint16_t *white, float gain, const uint16_t *rati
 uint32_t lightstage_fetch(struct lightstage *stage, const struct lightstage_fetch *fetch,
                           lightstage_on_band *callback, void *user, struct lightstage_error *error);
 
+/** 64 x 64 pixels of one picture: [64][64][components]; what is beyond the picture is 0. */
+struct lightstage_tile {
+    const struct lightstage_band *picture; /* without values and rows */
+    const void *values;                    /* of any alignment; NULL: the caller has them */
+    size_t values_bytes;
+    uint32_t index;  /* through all pictures of the request: where to go on */
+    uint32_t number; /* in its picture: y / 64 x ceil(width / 64) + x / 64 */
+    uint64_t hash;   /* of the values; never 0, the same at any time */
+};
+
+/** What a caller has of a request's tiles. */
+struct lightstage_have {
+    size_t size;
+    uint32_t first_tile;    /* those of the request before it are left out */
+    const uint64_t *hashes; /* lightstage_tile.hash of the request's tiles from its first on, 0: not
+                             * there; equal ones are not sent again */
+    size_t n_hashes;        /* fewer than there are: none of the others */
+};
+
+typedef int lightstage_on_tile(const struct lightstage_tile *tile, void *user);
+
+/** As lightstage_fetch_begin, in whole tiles: those that touch the region, picture by picture.
+ * Without variance and validity. @have NULL: nothing. */
+uint32_t lightstage_fetch_tiles_begin(struct lightstage *stage,
+                                      const struct lightstage_fetch *fetch,
+                                      const struct lightstage_have *have,
+                                      lightstage_on_tile *callback, void *user, uint32_t *request,
+                                      struct lightstage_error *error);
+
+/** The same, to its end; without credit_bytes (107). */
+uint32_t lightstage_fetch_tiles(struct lightstage *stage, const struct lightstage_fetch *fetch,
+                                const struct lightstage_have *have, lightstage_on_tile *callback,
+                                void *user, struct lightstage_error *error);
+
 /** What has been written into a caller's buffer: [pictures][height][width][components]. Never
  * grows. */
 struct lightstage_shape {

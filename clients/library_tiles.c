@@ -1,0 +1,84 @@
+/* Fetch in whole tiles. */
+#include "clients/library_pictures.h"
+
+enum { SIDE = 64 };
+
+struct tiles_call {
+    lightstage_on_tile *callback;
+    void *user;
+};
+
+static bool fits(const Lightstage__FetchReply *r, size_t tile_bytes, size_t payload_bytes)
+{
+    size_t sent = 0;
+    if (r->memfd || r->width > 65536 || r->height > 65536 || r->components > 16 ||
+        r->n_tile_hash != r->n_tile || (r->n_tile_unchanged && r->n_tile_unchanged != r->n_tile))
+        return false;
+    size_t across = (r->width + SIDE - 1) / SIDE, down = (r->height + SIDE - 1) / SIDE;
+    for (size_t i = 0; i < r->n_tile; i++) {
+        if (r->tile[i] >= across * down)
+            return false;
+        sent += !(r->n_tile_unchanged && r->tile_unchanged[i]);
+    }
+    return payload_bytes == sent * tile_bytes;
+}
+
+static uint32_t take_tiles(const struct ls_reply *reply, void *user, struct lightstage_error *error)
+{
+    const Lightstage__FetchReply *r = (const Lightstage__FetchReply *)reply->message;
+    const struct tiles_call *call = user;
+    const struct lightstage_band picture = ls_library_band(r);
+    size_t bytes = (size_t)SIDE * SIDE * r->components *
+                   (r->sample == LIGHTSTAGE__SAMPLE__HALF ? 2 : 4),
+           at = 0;
+    if (!fits(r, bytes, reply->payload_bytes))
+        return ls_library_fail(error, LIGHTSTAGE_STRANGE,
+                               "the daemon sent tiles that do not fit the picture");
+    for (size_t i = 0; i < r->n_tile; i++) {
+        bool unchanged = r->n_tile_unchanged && r->tile_unchanged[i];
+        const struct lightstage_tile tile = {
+            .picture = &picture,
+            .values = unchanged ? NULL : reply->payload + at,
+            .values_bytes = unchanged ? 0 : bytes,
+            .index = r->first_tile + (uint32_t)i,
+            .number = r->tile[i],
+            .hash = r->tile_hash[i],
+        };
+        at += tile.values_bytes;
+        if (call->callback(&tile, call->user))
+            return ls_library_fail(error, LIGHTSTAGE_CANCELLED, "cancelled by the callback");
+    }
+    return 0;
+}
+
+uint32_t lightstage_fetch_tiles_begin(struct lightstage *stage,
+                                      const struct lightstage_fetch *fetch,
+                                      const struct lightstage_have *have,
+                                      lightstage_on_tile *callback, void *user, uint32_t *request,
+                                      struct lightstage_error *error)
+{
+    const struct tiles_call call = {callback, user};
+    struct ls_library_fetch own;
+    struct lightstage_have h = {0};
+    uint32_t number = have ? ls_library_take_in(&h, sizeof h, have, error) : 0;
+    if (!number)
+        number = ls_library_fill_fetch(&own, fetch, error);
+    if (number)
+        return number;
+    own.body.tiles = true;
+    own.body.first_tile = h.first_tile;
+    return ls_library_begin(stage, LS_MESSAGE_FETCH, &own.body.base, h.hashes,
+                            h.n_hashes * sizeof *h.hashes, take_tiles, &call, sizeof call, request,
+                            error);
+}
+
+uint32_t lightstage_fetch_tiles(struct lightstage *stage, const struct lightstage_fetch *fetch,
+                                const struct lightstage_have *have, lightstage_on_tile *callback,
+                                void *user, struct lightstage_error *error)
+{
+    uint32_t request = 0;
+    uint32_t number = ls_library_no_credit(fetch, error);
+    if (!number)
+        number = lightstage_fetch_tiles_begin(stage, fetch, have, callback, user, &request, error);
+    return number ? number : lightstage_wait(stage, request, error);
+}
