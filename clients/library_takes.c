@@ -4,8 +4,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-/* Strings stay the message's. */
-static struct lightstage_take_status take_of(const Lightstage__TakeStatus *t)
+struct lightstage_take_status ls_library_take_status(const Lightstage__TakeStatus *t)
 {
     struct lightstage_take_status status = {
         .state = (enum lightstage_take_state)t->state,
@@ -81,7 +80,7 @@ static void fill_status(struct status *own, const Lightstage__StatusReply *reply
     s->calibration = reply->calibration;
     s->privileges = reply->privileges;
     if (reply->take) {
-        own->take = take_of(reply->take);
+        own->take = ls_library_take_status(reply->take);
         s->take = &own->take;
     }
 }
@@ -159,7 +158,7 @@ static uint32_t take_progress(const struct ls_reply *reply, void *user,
 {
     const struct progress_call *call = user;
     const struct lightstage_take_status status =
-        take_of((const Lightstage__TakeStatus *)reply->message);
+        ls_library_take_status((const Lightstage__TakeStatus *)reply->message);
     return call->callback(&status, call->user)
                ? ls_library_fail(error, LIGHTSTAGE_CANCELLED, "cancelled by the callback")
                : 0;

@@ -271,6 +271,50 @@ uint32_t lightstage_take_slate_write(struct lightstage *stage, const char *take,
                                      struct lightstage_slate **out, struct lightstage_error *error);
 void lightstage_slate_free(struct lightstage_slate *slate);
 
+/* ---- what happens ---- */
+
+/** A picture that may be fetched from now on, while its take runs too. */
+struct lightstage_published {
+    const char *take;
+    const char *condition; /* its name in the plan */
+    const char *channel;   /* empty: more than one */
+    uint32_t camera;
+    uint32_t light;
+    int single_light; /* it shows `light` alone, under `channel` */
+};
+
+enum lightstage_alarm_kind {
+    LIGHTSTAGE_ALARM_DRIFT = 0, /* the light has changed since the take's first reference */
+    LIGHTSTAGE_ALARM_SWEEP = 1, /* what a sweep found wrong */
+    LIGHTSTAGE_ALARM_HOT = 2,   /* the take pauses until the dome has cooled */
+    LIGHTSTAGE_ALARM_FAULT = 3, /* a take failed, or lacks pictures after every repair */
+    LIGHTSTAGE_ALARM_DISK = 4,  /* a take could not be written */
+};
+
+struct lightstage_alarm {
+    enum lightstage_alarm_kind kind;
+    int active; /* 0: it is over */
+    const char *text, *take;
+};
+
+/** Who is told what; NULL: not that. One that does not return 0 ends the listening (204). */
+struct lightstage_listener {
+    size_t size;
+    int (*progress)(const struct lightstage_take_status *status, void *user);
+    int (*published)(const struct lightstage_published *published, void *user);
+    int (*alarm)(const struct lightstage_alarm *alarm, void *user);
+    int (*missed)(void *user); /* pictures of the take before came too late for this client */
+};
+
+/** Listen until it is cancelled; one listening per client. */
+uint32_t lightstage_events_begin(struct lightstage *stage,
+                                 const struct lightstage_listener *listener, void *user,
+                                 uint32_t *request, struct lightstage_error *error);
+
+/** The same, until a callback or the connection ends it. */
+uint32_t lightstage_events(struct lightstage *stage, const struct lightstage_listener *listener,
+                           void *user, struct lightstage_error *error);
+
 /* ---- pictures ---- */
 
 struct lightstage_region { /* in pixels of full size; all 0: the whole picture; never grows */

@@ -478,6 +478,76 @@ static void tiles_come_once_and_go_on_where_they_were_left(struct stage *stage, 
     made_take_free(take);
 }
 
+struct heard {
+    uint32_t progress, pictures, alarms;
+    enum lightstage_take_state state;
+    char text[64];
+};
+
+static int hear_progress(const struct lightstage_take_status *status, void *user)
+{
+    struct heard *heard = user;
+    heard->progress++;
+    heard->state = status->state;
+    return 0;
+}
+
+static int hear_published(const struct lightstage_published *published, void *user)
+{
+    struct heard *heard = user;
+    g_assert_cmpstr(published->take, ==, "one");
+    g_assert_cmpstr(published->condition, ==, "W-00006");
+    g_assert_cmpstr(published->channel, ==, "W");
+    g_assert_true(published->single_light);
+    g_assert_cmpuint(published->light, ==, 6);
+    heard->pictures++;
+    return 0;
+}
+
+/* Ends the listening. */
+static int hear_alarm(const struct lightstage_alarm *alarm, void *user)
+{
+    struct heard *heard = user;
+    g_assert_cmpint(alarm->kind, ==, LIGHTSTAGE_ALARM_DRIFT);
+    g_assert_true(alarm->active);
+    g_strlcpy(heard->text, alarm->text, sizeof heard->text);
+    heard->alarms++;
+    return 1;
+}
+
+static void what_happens_is_told(struct stage *stage, gconstpointer data)
+{
+    struct lightstage *client = connected(stage);
+    struct heard heard = {0};
+    struct lightstage_listener listener = {.size = sizeof listener,
+                                           .progress = hear_progress,
+                                           .published = hear_published,
+                                           .alarm = hear_alarm};
+    const struct lightstage_listener deaf = {.size = sizeof deaf};
+    struct ls_event_picture picture = {.channel = "W", .light = 6, .condition = "W-00006"};
+    struct ls_events *events = ls_engine_events(stage->engine);
+    uint32_t request = 0;
+    g_assert_cmpuint(lightstage_events(client, &deaf, NULL, NULL), ==, LIGHTSTAGE_BAD_ARGUMENT);
+    g_assert_cmpuint(lightstage_events_begin(client, &listener, &heard, &request, NULL), ==, 0);
+    while (!heard.progress) /* what is so now */
+        g_assert_cmpuint(lightstage_dispatch(client, NULL), ==, 0);
+    g_assert_cmpint(heard.state, ==, LIGHTSTAGE_TAKE_NONE);
+    ls_events_begin(events, "one");
+    ls_events_published(events, &picture);
+    while (!heard.pictures)
+        g_assert_cmpuint(lightstage_dispatch(client, NULL), ==, 0);
+    ls_events_alarm(events, LS_ALARM_DRIFT, true, "one", "it drifts");
+    g_assert_cmpuint(lightstage_wait(client, request, NULL), ==, LIGHTSTAGE_CANCELLED);
+    g_assert_cmpuint(heard.pictures, ==, 1);
+    g_assert_cmpuint(heard.alarms, ==, 1);
+    g_assert_cmpstr(heard.text, ==, "it drifts");
+    listener.progress = NULL;
+    listener.published = NULL; /* alarms alone: the one that is on is told to who comes late */
+    g_assert_cmpuint(lightstage_events(client, &listener, &heard, NULL), ==, LIGHTSTAGE_CANCELLED);
+    g_assert_cmpuint(heard.alarms, ==, 2);
+    lightstage_close(client);
+}
+
 static void a_slate_is_written_field_by_field(struct stage *stage, gconstpointer data)
 {
     struct made_take *take = make_take(stage->storage, true, -1);
@@ -611,6 +681,7 @@ int main(int argc, char **argv)
                 a_factored_fetch_expands_to_what_the_daemon_sends);
     ADD_LIBRARY("tiles-come-once-and-go-on-where-they-were-left",
                 tiles_come_once_and_go_on_where_they_were_left);
+    ADD_LIBRARY("what-happens-is-told", what_happens_is_told);
     ADD_LIBRARY("a-signal-that-is-blocked-stays-so", a_signal_that_is_blocked_stays_so);
     ADD_LIBRARY("the-example-prints-a-pictures-mean", the_example_prints_a_pictures_mean);
     g_test_add("/liblightstage/a-lost-connection-ends-all-that-is-in-flight", struct stage, NULL,
