@@ -315,6 +315,38 @@ uint32_t lightstage_events_begin(struct lightstage *stage,
 uint32_t lightstage_events(struct lightstage *stage, const struct lightstage_listener *listener,
                            void *user, struct lightstage_error *error);
 
+struct lightstage_preview {
+    size_t size;
+    double exposure_us;  /* the live view: the camera runs freely; 0: only look at takes */
+    const char *channel; /* of the live view: its steady light; NULL: none of ours */
+    double level;        /* its duty, (0, 1] */
+    uint32_t camera;
+};
+
+struct lightstage_view {
+    const uint8_t *rgb; /* [height][width][3], sRGB, without white balance */
+    uint32_t camera, width, height;
+    uint32_t bin; /* photosites of a pixel in a row and a column */
+    uint64_t frame_id;
+    uint64_t skipped; /* pictures before it that this client was too slow for */
+    double exposure_us, focus;
+    size_t n_clip;      /* 3: red, green, blue; 1: mono */
+    const double *clip; /* share of photosites lost to clipping */
+};
+
+typedef int lightstage_on_preview(const struct lightstage_view *view, void *user);
+
+/** Look until it is cancelled. */
+uint32_t lightstage_preview_begin(struct lightstage *stage,
+                                  const struct lightstage_preview *preview,
+                                  lightstage_on_preview *callback, void *user, uint32_t *request,
+                                  struct lightstage_error *error);
+
+/** The same, until the callback or the connection ends it. */
+uint32_t lightstage_preview(struct lightstage *stage, const struct lightstage_preview *preview,
+                            lightstage_on_preview *callback, void *user,
+                            struct lightstage_error *error);
+
 /* ---- pictures ---- */
 
 struct lightstage_region { /* in pixels of full size; all 0: the whole picture; never grows */

@@ -1,5 +1,7 @@
 /* liblightstage, the shared one, and a daemon with made takes. */
 #include "clients/lightstage.h"
+#include "core/pixel.h"
+#include "daemon/preview.h"
 #include "tests/clients/ctl_fixture.h"
 #include "tests/daemon/take_fixture.h"
 
@@ -548,6 +550,42 @@ static void what_happens_is_told(struct stage *stage, gconstpointer data)
     lightstage_close(client);
 }
 
+static int look_once(const struct lightstage_view *view, void *user)
+{
+    *(uint64_t *)user = view->frame_id;
+    g_assert_cmpuint(view->width * view->bin, ==, SIDE);
+    g_assert_cmpuint(view->height * view->bin, ==, SIDE);
+    g_assert_cmpfloat(view->exposure_us, ==, 100);
+    g_assert_cmpuint(view->n_clip, ==, 1);
+    g_assert_cmpuint(view->rgb[0], >, 0);
+    return 1;
+}
+
+static void a_camera_is_looked_through(struct stage *stage, gconstpointer data)
+{
+    static uint8_t raw[SIDE * SIDE];
+    struct lightstage *client = connected(stage);
+    struct lightstage_preview preview = {.size = sizeof preview};
+    uint64_t frame = 0, offered = 0;
+    uint32_t request = 0;
+    memset(raw, 100, sizeof raw);
+    stage->config.cameras[0].full_scale_dn = 255;
+    stage->config.cameras[0].electrons_per_dn = 1;
+    stage->config.cameras[0].read_noise_dn = 1;
+    g_assert_cmpuint(lightstage_preview_begin(client, &preview, look_once, &frame, &request, NULL),
+                     ==, 0);
+    for (int i = 0; i < 250 && !frame; i++) { /* as a camera does, whoever looks; 5 s at most */
+        struct pollfd wait = {.fd = lightstage_descriptor(client), .events = POLLIN};
+        ls_preview_offer(ls_engine_preview(stage->engine), 0, ls_pixel_by_name("Mono8"), SIDE, SIDE,
+                         raw, ++offered, 100);
+        if (poll(&wait, 1, 20) == 1)
+            g_assert_cmpuint(lightstage_dispatch(client, NULL), ==, 0);
+    }
+    g_assert_cmpuint(frame, >, 0);
+    g_assert_cmpuint(lightstage_wait(client, request, NULL), ==, LIGHTSTAGE_CANCELLED);
+    lightstage_close(client);
+}
+
 static void a_slate_is_written_field_by_field(struct stage *stage, gconstpointer data)
 {
     struct made_take *take = make_take(stage->storage, true, -1);
@@ -682,6 +720,7 @@ int main(int argc, char **argv)
     ADD_LIBRARY("tiles-come-once-and-go-on-where-they-were-left",
                 tiles_come_once_and_go_on_where_they_were_left);
     ADD_LIBRARY("what-happens-is-told", what_happens_is_told);
+    ADD_LIBRARY("a-camera-is-looked-through", a_camera_is_looked_through);
     ADD_LIBRARY("a-signal-that-is-blocked-stays-so", a_signal_that_is_blocked_stays_so);
     ADD_LIBRARY("the-example-prints-a-pictures-mean", the_example_prints_a_pictures_mean);
     g_test_add("/liblightstage/a-lost-connection-ends-all-that-is-in-flight", struct stage, NULL,
