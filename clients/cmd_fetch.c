@@ -5,9 +5,9 @@
 #include "clients/pixel_quality.h"
 #include "clients/promotion_option.h"
 #include "clients/promotion_report.h"
+#include "clients/received_band.h"
 #include "clients/region_option.h"
 #include "clients/take_document.h"
-#include "core/half.h"
 #include "proto/models.h"
 
 #include <stdio.h>
@@ -173,15 +173,11 @@ static void fill_attributes(const struct fetch *fetch, const Lightstage__FetchRe
     const struct ls_take_document *d = fetch->document;
     ls_picture_attrs_take(d, band->calibrated, attrs);
     ls_promotion_report_attrs(&fetch->report, false, attrs);
-    ls_exr_attrs_float(attrs, "expTime", (float)d->longest_exposure_s);
-    ls_exr_attrs_string(attrs, "lightstage/channel", o->channel);
+    ls_picture_attrs_fetched(d, band, o->channel, attrs);
     ls_exr_attrs_string(attrs, "lightstage/cfa",
                         o->layout != LIGHTSTAGE__LAYOUT__MOSAIC ? "none" : ls_cfa_name(d->cfa));
     ls_exr_attrs_string(attrs, "lightstage/units",
                         o->estimate ? "full scale / s x referenceExposure" : "R");
-    ls_exr_attrs_int(attrs, "lightstage/blackSubtracted", 1);
-    ls_exr_attrs_float(attrs, "lightstage/gain", (float)band->gain_k);
-    ls_exr_attrs_float(attrs, "lightstage/referenceExposure", (float)band->reference_exposure_s);
     if (!o->full_sphere)
         ls_picture_attrs_light(d, band->light, attrs);
 }
@@ -235,39 +231,15 @@ static enum ls_err write_picture(struct fetch *fetch, const Lightstage__FetchRep
 static enum ls_err take_band(struct fetch *fetch, const struct ls_reply *reply,
                              struct ls_diag *diag)
 {
+    bool whole = false;
+    enum ls_err err = ls_received_band(&fetch->image, &fetch->quality, reply, &whole, diag);
+    if (err)
+        return err;
     const Lightstage__FetchReply *band = (const Lightstage__FetchReply *)reply->message;
-    size_t values = (size_t)band->n_rows * band->width * band->components;
-    bool half = band->sample == LIGHTSTAGE__SAMPLE__HALF;
-    enum ls_err err = LS_OK;
     if (band->spectrum)
         ls_promotion_report_keep(&fetch->report,
                                  (Lightstage__SpectrumReport *const *)&band->spectrum, 1);
-    if (!fetch->image.pixels)
-        err = ls_image_init(&fetch->image, band->width, band->height, band->components,
-                            (size_t)4 << 30, diag);
-    if (err)
-        return err;
-    if (band->width != fetch->image.width || band->components != fetch->image.n_channels ||
-        band->first_row > fetch->image.height ||
-        band->n_rows > fetch->image.height - band->first_row ||
-        reply->payload_bytes < values * (half ? 2 : 4))
-        return ls_fail(diag, LS_ERR_INVALID, "the daemon sent rows that do not fit the picture");
-    float *to = fetch->image.pixels +
-                (size_t)band->first_row * fetch->image.width * fetch->image.n_channels;
-    size_t bytes = values * (half ? 2 : 4);
-    err = ls_pixel_quality_take(&fetch->quality, band, reply->payload, reply->payload_bytes, bytes,
-                                diag);
-    if (err)
-        return err;
-    uint16_t *halfs = half ? malloc(bytes + 1) : NULL;
-    if (half && !halfs)
-        return ls_fail(diag, LS_ERR_NOMEM, "out of memory");
-    memcpy(half ? (void *)halfs : (void *)to, reply->payload, bytes);
-    if (half)
-        ls_half_to_floats(halfs, to, values);
-    free(halfs);
-    return band->first_row + band->n_rows == band->height ? write_picture(fetch, band, diag)
-                                                          : LS_OK;
+    return whole ? write_picture(fetch, band, diag) : LS_OK;
 }
 
 /* ---- the command ---- */
@@ -278,8 +250,6 @@ static enum ls_err receive(struct fetch *fetch, uint32_t request)
     for (bool last = false; !last;) {
         struct ls_reply reply;
         enum ls_err err = ls_connection_receive(fetch->context->connection, request, &reply, diag);
-        if (!err && reply.type != (LS_MESSAGE_FETCH | LS_MESSAGE_REPLY))
-            err = ls_fail(diag, LS_ERR_INVALID, "the daemon answered with another message");
         if (!err)
             err = take_band(fetch, &reply, diag);
         last = reply.last;

@@ -46,7 +46,8 @@ extern const struct ls_command ls_command_status, ls_command_rig, ls_command_pre
     ls_command_take_start, ls_command_take_resume, ls_command_take_abort, ls_command_take_list,
     ls_command_take_show, ls_command_take_verify, ls_command_take_slate, ls_command_fetch,
     ls_command_relight, ls_command_blank, ls_command_calibrate, ls_command_metrics,
-    ls_command_preview, ls_command_pki_init, ls_command_pki_add, ls_command_events;
+    ls_command_preview, ls_command_pki_init, ls_command_pki_add, ls_command_events,
+    ls_command_export;
 
 /** Options every command has; put them at the end of its table. */
 enum {

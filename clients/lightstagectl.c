@@ -15,7 +15,7 @@ static const struct ls_command *const commands[] = {
     &ls_command_fetch,       &ls_command_relight,     &ls_command_blank,
     &ls_command_calibrate,   &ls_command_take_slate,  &ls_command_metrics,
     &ls_command_preview,     &ls_command_pki_init,    &ls_command_pki_add,
-    &ls_command_events,
+    &ls_command_events,      &ls_command_export,
 };
 
 enum { N_COMMANDS = sizeof commands / sizeof *commands };

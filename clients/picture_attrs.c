@@ -52,3 +52,14 @@ void ls_picture_attrs_light(const struct ls_take_document *document, uint32_t li
     ls_exr_attrs_v3f(attrs, "lightstage/position", document->position_m[light]);
     ls_exr_attrs_v3f(attrs, "lightstage/direction", document->direction[light]);
 }
+
+void ls_picture_attrs_fetched(const struct ls_take_document *document,
+                              const Lightstage__FetchReply *reply, const char *channel,
+                              struct ls_exr_attrs *attrs)
+{
+    ls_exr_attrs_float(attrs, "expTime", (float)document->longest_exposure_s);
+    ls_exr_attrs_string(attrs, "lightstage/channel", channel);
+    ls_exr_attrs_int(attrs, "lightstage/blackSubtracted", 1);
+    ls_exr_attrs_float(attrs, "lightstage/gain", (float)reply->gain_k);
+    ls_exr_attrs_float(attrs, "lightstage/referenceExposure", (float)reply->reference_exposure_s);
+}

@@ -7,6 +7,7 @@
 
 #include "clients/take_document.h"
 #include "core/exr.h"
+#include "proto/lightstage.pb-c.h"
 
 /** The take, its time, its camera, its conventions, and whether it was @calibrated. Errors stay in
  * attrs->err. */
@@ -16,5 +17,10 @@ void ls_picture_attrs_take(const struct ls_take_document *document, bool calibra
 /** One light: its row in the rig, where it stands, and the direction towards it. */
 void ls_picture_attrs_light(const struct ls_take_document *document, uint32_t light,
                             struct ls_exr_attrs *attrs);
+
+/** Of a fetched picture: its channel, exposure and gain. Errors stay in attrs->err. */
+void ls_picture_attrs_fetched(const struct ls_take_document *document,
+                              const Lightstage__FetchReply *reply, const char *channel,
+                              struct ls_exr_attrs *attrs);
 
 #endif
