@@ -1,15 +1,12 @@
 #include "daemon/take.h"
 
-#include "core/exr.h"
-#include "core/half.h"
-#include "core/hot_pixels.h"
-#include "core/pixel.h"
 #include "daemon/bracket.h"
-#include "daemon/findings.h"
 #include "daemon/led_record.h"
 #include "daemon/preflight.h"
+#include "daemon/resumed.h"
 #include "daemon/rig.h"
 #include "daemon/store.h"
+#include "daemon/take_end.h"
 #include "daemon/take_json.h"
 #include "daemon/takedir.h"
 
@@ -21,8 +18,6 @@
 #include <sys/statvfs.h>
 #include <time.h>
 
-enum { DARK_LIMIT_BYTES = 1 << 30 };
-
 struct ls_take {
     const struct ls_take_context *context; /* `own` */
     struct ls_take_context own;
@@ -33,11 +28,8 @@ struct ls_take {
     struct ls_store *store;
     struct ls_checks *checks;
     json_t *led_record; /* of the last sweep, NULL if there is none */
-    char said[384];     /* by the checks of a sweep */
     struct ls_capture *capture;
-    uint8_t *done; /* per condition, of a resumed take */
-    float **darks; /* [camera * n_exposures + exposure], of a resumed take */
-    struct ls_pixel_list defects[LS_MAX_CAMERAS]; /* found in these */
+    struct ls_resumed resumed;
 };
 
 static double reference_exposure_s(const struct ls_take *take)
@@ -68,7 +60,7 @@ static enum ls_err preflight(struct ls_take *take, struct ls_preflight *out, uin
         .cameras = take->rig.camera_infos,
         .calibration = take->context->calibration,
         .disk_free_bytes = (uint64_t)fs.f_bavail * fs.f_frsize,
-        .condition_done = take->done,
+        .condition_done = take->resumed.done,
         .led_record = take->led_record,
     };
     *need_bytes = ls_preflight_bytes(&in);
@@ -90,135 +82,21 @@ static struct ls_take_document document(const struct ls_take *take, const char *
     };
 }
 
-/* The published validity of a dark: its defective pixels, also those that its mean does not show.
- */
-static enum ls_err load_defects(struct ls_take *take, const struct ls_published *published,
-                                const void *bytes, size_t n_bytes, uint32_t camera,
-                                struct ls_diag *diag)
-{
-    struct ls_exr_plane plane;
-    struct ls_pixel_list list = {0};
-    enum ls_err err = ls_exr_read_plane(bytes, n_bytes, "validity", DARK_LIMIT_BYTES, &plane, NULL);
-    if (err == LS_ERR_NOT_FOUND)
-        return LS_OK;
-    if (!err && plane.type != LS_EXR_HALF)
-        err = LS_ERR_INVALID;
-    if (err)
-        return ls_fail(diag, err, "%s: its validity cannot be read", published->file);
-    uint32_t n = plane.width * plane.height; /* as the journal says it, checked before */
-    list.index = malloc((n + 1) * sizeof *list.index);
-    for (uint32_t i = 0; list.index && i < n; i++)
-        if (((const uint16_t *)plane.samples)[i])
-            list.index[list.n++] = i;
-    err = list.index ? ls_pixel_list_join(&take->defects[camera], &list) : LS_ERR_NOMEM;
-    ls_pixel_list_finish(&list);
-    free(plane.samples);
-    return err ? ls_fail(diag, err, "out of memory") : LS_OK;
-}
-
-static enum ls_err load_dark(struct ls_take *take, const struct ls_takedir *dir,
-                             const struct ls_published *published, uint32_t camera,
-                             uint32_t exposure, struct ls_diag *diag)
-{
-    LS_CLEANUP_FREE uint8_t *bytes = NULL;
-    size_t n_bytes = 0;
-    struct ls_image image = {0};
-    enum ls_err err = ls_takedir_read(dir, published, &bytes, &n_bytes, diag);
-    if (!err)
-        err = ls_published_check(published, bytes, n_bytes, diag);
-    if (!err)
-        err = ls_exr_read(bytes, n_bytes, NULL, DARK_LIMIT_BYTES, &image, NULL, diag);
-    const struct ls_camera_info *info = take->rig.camera_infos[camera];
-    if (!err &&
-        (image.width != info->width || image.height != info->height || image.n_channels != 1))
-        err = ls_fail(diag, LS_ERR_MISMATCH, "%s: %ux%u, the camera gives %ux%u", published->file,
-                      image.width, image.height, info->width, info->height);
-    if (err) {
-        ls_image_finish(&image);
-        return err;
-    }
-    take->darks[camera * take->plan->n_exposures + exposure] = image.pixels;
-    return load_defects(take, published, bytes, n_bytes, camera, diag);
-}
-
-/* A reference of an earlier run: what comes is compared with it. */
-static enum ls_err load_reference(struct ls_take *take, const struct ls_takedir *dir,
-                                  const struct ls_published *published, uint32_t camera,
-                                  uint32_t condition, struct ls_diag *diag)
-{
-    LS_CLEANUP_FREE uint8_t *bytes = NULL;
-    size_t n_bytes = 0, n_px = (size_t)published->width * published->height;
-    struct ls_exr_plane mosaic = {0}, validity = {0};
-    const struct ls_pixel_format *format =
-        ls_pixel_by_name(take->rig.camera_infos[camera]->pixel_format);
-    enum ls_err err = ls_takedir_read(dir, published, &bytes, &n_bytes, diag);
-    if (!err)
-        err = ls_published_check(published, bytes, n_bytes, diag);
-    if (!err)
-        err = ls_exr_read_plane(bytes, n_bytes, NULL, DARK_LIMIT_BYTES, &mosaic, diag);
-    if (!err && published->tile_invalid)
-        err = ls_exr_read_plane(bytes, n_bytes, "validity", DARK_LIMIT_BYTES, &validity, diag);
-    LS_CLEANUP_FREE uint8_t *states = validity.samples ? malloc(n_px) : NULL;
-    for (size_t i = 0; states && i < n_px; i++)
-        states[i] = (uint8_t)ls_half_to_float(((const uint16_t *)validity.samples)[i]);
-    const struct ls_picture_view view = {mosaic.samples, states, published->width,
-                                         published->height, format ? format->cfa : LS_CFA_NONE};
-    if (!err && validity.samples && !states)
-        err = ls_fail(diag, LS_ERR_NOMEM, "out of memory");
-    if (!err)
-        err = ls_checks_adopt(take->checks, camera, condition, &view, diag);
-    free(mosaic.samples);
-    free(validity.samples);
-    return err;
-}
-
-static bool is_stopped(const _Atomic bool *stop)
-{
-    return stop && atomic_load(stop);
-}
-
-static enum ls_err given_up(struct ls_diag *diag)
-{
-    return ls_fail(diag, LS_ERR_ABORTED,
-                   "given up: it was aborted, all lights were turned off, or the daemon ends");
-}
-
-/* A condition is done when every camera's picture of it is published. */
-static enum ls_err find_done(struct ls_take *take, const struct ls_takedir *dir,
-                             const _Atomic bool *stop, struct ls_diag *diag)
-{
-    const struct ls_plan *plan = take->plan;
-    uint32_t n_cameras = take->context->config->n_cameras;
-    take->done = calloc(plan->n_conditions, sizeof *take->done);
-    take->darks = calloc((size_t)n_cameras * plan->n_exposures, sizeof *take->darks);
-    if (!take->done || !take->darks)
-        return ls_fail(diag, LS_ERR_NOMEM, "out of memory");
-    for (uint32_t i = 0; i < plan->n_conditions; i++) {
-        if (is_stopped(stop))
-            return given_up(diag);
-        take->done[i] = 1;
-        for (uint32_t k = 0; k < n_cameras; k++) {
-            const struct ls_published *p = ls_takedir_find(dir, plan->conditions[i].id, k);
-            take->done[i] &= p != NULL;
-            enum ls_err err = LS_OK;
-            if (p && plan->conditions[i].dark && !plan->conditions[i].watch)
-                err = load_dark(take, dir, p, k, plan->conditions[i].exposure, diag);
-            else if (p && plan->conditions[i].reference)
-                err = load_reference(take, dir, p, k, i, diag);
-            if (err)
-                return err;
-        }
-    }
-    return LS_OK;
-}
-
 static enum ls_err continue_from(struct ls_take *take, const struct ls_takedir *dir,
                                  const char *plan_text, const _Atomic bool *stop,
                                  struct ls_diag *diag)
 {
     const struct ls_take_document doc = document(take, plan_text);
     enum ls_err err = ls_take_json_same_rig(dir->take_json, &doc, diag);
-    return err ? err : find_done(take, dir, stop, diag);
+    const struct ls_resumed_input in = {
+        .dir = dir,
+        .plan = take->plan,
+        .cameras = take->rig.camera_infos,
+        .n_cameras = take->config.n_cameras,
+        .checks = take->checks,
+        .stop = stop,
+    };
+    return err ? err : ls_resumed_find(&in, &take->resumed, diag);
 }
 
 /* Plan, devices, and for a take on disk (@dir, else NULL) what of it is done; then preflight. */
@@ -254,8 +132,9 @@ static enum ls_err prepare(const struct ls_take_context *context, const char *pl
         err = continue_from(take, dir, plan_text, stop, diag);
     if (!err)
         err = preflight(take, report, need_bytes, diag);
-    if (!err && is_stopped(stop))
-        err = given_up(diag);
+    if ((!err || err == LS_ERR_ABORTED) && stop && atomic_load(stop))
+        err = ls_fail(diag, LS_ERR_ABORTED,
+                      "given up: it was aborted, all lights were turned off, or the daemon ends");
     if (err) {
         ls_take_destroy(take);
         return err;
@@ -350,9 +229,9 @@ static enum ls_err create_capture(struct ls_take *take, struct ls_diag *diag)
         .preview = take->context->preview,
         .checks = take->checks,
         .reference_exposure_s = reference_exposure_s(take),
-        .condition_done = take->done,
-        .darks = (const float *const *)take->darks,
-        .defects = take->done ? take->defects : NULL,
+        .condition_done = take->resumed.done,
+        .darks = (const float *const *)take->resumed.darks,
+        .defects = take->resumed.done ? take->resumed.defects : NULL,
     };
     ls_store_limit_queue(take->store, take->context->config->queue_bytes);
     return ls_capture_create(&setup, &take->capture, diag);
@@ -436,130 +315,24 @@ const char *ls_take_id(const struct ls_take *take)
     return ls_store_id(take->store);
 }
 
-/* "cam0/W-0137" of everything not published; NULL-terminated, (transfer full). */
-static char **list_missing(const struct ls_take *take, const struct ls_takedir *dir, size_t *n)
-{
-    uint32_t n_cameras = take->context->config->n_cameras;
-    char **out = calloc((size_t)take->plan->n_conditions * n_cameras + 1, sizeof *out);
-    *n = 0;
-    for (uint32_t i = 0; out && i < take->plan->n_conditions; i++)
-        for (uint32_t k = 0; k < n_cameras; k++)
-            if (!ls_takedir_find(dir, take->plan->conditions[i].id, k) &&
-                asprintf(&out[*n], "cam%u/%s", k, take->plan->conditions[i].id) > 0)
-                (*n)++;
-    return out;
-}
-
-static enum ls_take_state end_state(enum ls_err err, size_t n_missing)
-{
-    if (err == LS_ERR_ABORTED)
-        return LS_TAKE_ABORTED;
-    if (err)
-        return LS_TAKE_FAILED;
-    return n_missing ? LS_TAKE_INCOMPLETE : LS_TAKE_COMPLETE;
-}
-
-static enum ls_store_state store_state(enum ls_take_state state)
-{
-    switch (state) {
-    case LS_TAKE_COMPLETE:
-        return LS_STORE_COMPLETE;
-    case LS_TAKE_INCOMPLETE:
-        return LS_STORE_INCOMPLETE;
-    case LS_TAKE_ABORTED:
-        return LS_STORE_ABORTED;
-    default:
-        return LS_STORE_FAILED;
-    }
-}
-
-/* A sweep is made for its warnings: they go to the journal and into the take's message. */
-static enum ls_err say_warnings(struct ls_take *take, const json_t *checks, struct ls_diag *diag)
-{
-    const json_t *warnings = json_object_get(checks, "warnings");
-    enum ls_err err = LS_OK;
-    snprintf(take->said, sizeof take->said, "; nothing wrong was found");
-    for (size_t i = 0; i < json_array_size(warnings) && !err; i++) {
-        const char *text = json_string_value(json_array_get(warnings, i));
-        size_t used = i ? strlen(take->said) : 0;
-        snprintf(take->said + used, sizeof take->said - used, "; %s", text);
-        err = ls_store_alarm(take->store, text, diag);
-    }
-    ls_events_alarm(take->context->events, LS_ALARM_SWEEP, json_array_size(warnings) > 0,
-                    ls_take_id(take), take->said + 2);
-    return err;
-}
-
-/* For the takes to come. A disk that does not take it is no fault of this one. */
-static enum ls_err keep_record(struct ls_take *take, const json_t *checks, struct ls_diag *diag)
-{
-    struct ls_diag why = {{0}};
-    if (!ls_led_record_write(take->context->config->storage, ls_take_id(take), checks, &why))
-        return LS_OK;
-    return ls_store_alarm(take->store, why.text, diag);
-}
-
-static enum ls_err put_findings(struct ls_take *take, const char *take_json, bool complete,
-                                char **text, struct ls_diag *diag)
-{
-    struct ls_findings findings;
-    LS_CLEANUP_FREE char *found = NULL;
-    json_t *checks = NULL;
-    ls_capture_findings(take->capture, &findings);
-    enum ls_err err = ls_findings_put(&findings, take_json, &found, diag);
-    if (!err)
-        err = ls_checks_conclude(take->checks, &findings, &checks, diag);
-    if (!err && checks && take->plan->sweep)
-        err = say_warnings(take, checks, diag);
-    if (!err && checks && take->plan->sweep && complete)
-        err = keep_record(take, checks, diag);
-    if (!err)
-        err = ls_checks_put(take->checks, checks, found, text, diag);
-    json_decref(checks);
-    return err;
-}
-
-/* Say in take.json how it ended, what is missing and what was found; that itself can fail (disk
- * gone). */
-static enum ls_err close_books(struct ls_take *take, enum ls_err ran, enum ls_take_state *state,
-                               char *first_missing, size_t room, struct ls_diag *diag)
-{
-    struct ls_takedir *dir = NULL;
-    size_t n_missing = 0;
-    enum ls_err err = ls_store_flush(take->store, diag);
-    if (!err)
-        err = ls_takedir_open(ls_store_folder(take->store), &dir, diag);
-    if (err)
-        return err;
-    LS_CLEANUP_FREE char *take_json = NULL;
-    char **missing = list_missing(take, dir, &n_missing);
-    *state = end_state(ran, n_missing);
-    snprintf(first_missing, room, "%zu of them, first %s", n_missing, n_missing ? missing[0] : "-");
-    err = missing ? put_findings(take, dir->take_json, *state == LS_TAKE_COMPLETE, &take_json, diag)
-                  : LS_ERR_NOMEM;
-    const struct ls_store_end end = {.state = store_state(*state),
-                                     .take_json = take_json,
-                                     .missing = (const char *const *)missing,
-                                     .n_missing = n_missing};
-    if (!err)
-        err = ls_store_set_state(take->store, &end, diag);
-    for (size_t i = 0; i < n_missing; i++)
-        free(missing[i]);
-    free(missing);
-    ls_takedir_close(dir);
-    return err;
-}
-
 /* *written: the take's folder says how it ended. */
 static enum ls_take_state run(struct ls_take *take, struct ls_capture_report *report,
                               struct ls_diag *message, bool *written)
 {
     struct ls_diag why = {0}, books = {0};
-    enum ls_take_state state = LS_TAKE_FAILED;
-    char missing[128] = "";
+    struct ls_take_ending ending;
     *report = (struct ls_capture_report){0};
     enum ls_err err = ls_capture_run(take->capture, report, &why);
-    enum ls_err closed = close_books(take, err, &state, missing, sizeof missing, &books);
+    const struct ls_take_end end = {
+        .config = take->context->config,
+        .plan = take->plan,
+        .capture = take->capture,
+        .store = take->store,
+        .checks = take->checks,
+        .events = take->context->events,
+        .ran = err,
+    };
+    enum ls_err closed = ls_take_end(&end, &ending, &books);
     if (!closed)
         closed = ls_store_close(take->store, &books);
     else
@@ -576,13 +349,13 @@ static enum ls_take_state run(struct ls_take *take, struct ls_capture_report *re
                 books.text);
     else if (err)
         ls_fail(message, err, "%s", why.text);
-    else if (state == LS_TAKE_INCOMPLETE)
+    else if (ending.state == LS_TAKE_INCOMPLETE)
         ls_fail(message, LS_OK, "conditions missing after every repair: %s; resume to try again",
-                missing);
+                ending.missing);
     else
         ls_fail(message, LS_OK, "%s%s%s", report->repaired[0] ? "complete; repaired: " : "complete",
-                report->repaired, take->said);
-    return state;
+                report->repaired, ending.said);
+    return ending.state;
 }
 
 enum ls_take_state ls_take_run(struct ls_take *take, struct ls_capture_report *report,
@@ -623,14 +396,7 @@ void ls_take_destroy(struct ls_take *take)
     json_decref(take->led_record);
     ls_store_close(take->store, NULL);
     ls_rig_close(&take->rig);
-    if (take->darks)
-        for (size_t i = 0; i < (size_t)take->context->config->n_cameras * take->plan->n_exposures;
-             i++)
-            free(take->darks[i]);
-    for (uint32_t i = 0; i < LS_MAX_CAMERAS; i++)
-        ls_pixel_list_finish(&take->defects[i]);
-    free(take->darks);
-    free(take->done);
+    ls_resumed_finish(&take->resumed);
     ls_plan_destroy(take->plan);
     free(take);
 }

@@ -63,7 +63,7 @@ def test_dead_and_dim_leds_are_named_and_no_others(folder):
     told = takes.alarm(rig)
     assert told["kind"] == "sweep", told
     takes.says(told["text"], "1 LEDs give no light: R-0007")
-    alarms = [a for a in alarms if "packets" not in a]  # a busy machine's
+    alarms = [a for a in alarms if not a.startswith("camera ")]  # packets, on a busy machine
     assert alarms == checks["warnings"] and len(alarms) == 2, alarms
     swept = rig.takes()[-1]["id"]
     says = "1 LEDs give no light: R-0007; 1 LEDs are dim: W-0021 (sweep "
