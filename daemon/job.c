@@ -1,5 +1,7 @@
 #include "daemon/job.h"
 
+#include "daemon/realtime.h"
+
 #include <stdio.h>
 
 enum { TURN_FRAMES = 8 }; /* then others have theirs */
@@ -160,6 +162,7 @@ static void take_turn(struct ticket *ticket)
 static gpointer serve(gpointer data)
 {
     struct ls_job_pool *pool = data;
+    ls_give_way();
     for (;;) {
         struct ticket *ticket = g_async_queue_pop(pool->work);
         if (!ticket->job) {

@@ -1,5 +1,5 @@
 /*
- * realtime: scheduling of ls-seq and ls-cam, and the time they keep.
+ * realtime: who runs before whom: ls-seq and ls-cam first, ls-serve last; and the time they keep.
  * Layer: daemon. Threads: any. Ownership: none.
  */
 #ifndef LS_DAEMON_REALTIME_H
@@ -17,6 +17,11 @@ enum {
 /** Make the calling thread SCHED_FIFO at @priority; 0 leaves it. False: not permitted, the thread
  * stays as it was. */
 bool ls_realtime_enter(int priority);
+
+/** Make the calling thread, and those it starts, give way to all that photographs, merges and
+ * stores: a tenth of a processor is theirs while others want all of it, so that nobody waits long
+ * for a lock of theirs. There is no way back. */
+void ls_give_way(void);
 
 /** Host CLOCK_MONOTONIC_RAW, ns. RT-safe. */
 uint64_t ls_host_ns(void);

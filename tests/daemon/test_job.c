@@ -4,6 +4,8 @@
 #include "tests/daemon/full_take.h"
 
 #include <stdlib.h>
+#include <sys/resource.h>
+#include <unistd.h>
 
 enum { THREADS = 2, WAITERS = 6, GIVE_UP_US = 20000000 };
 
@@ -21,6 +23,7 @@ struct guest {
     struct hall *hall;
     struct ls_field_source *source; /* of those who ask for maps */
     int steps;                      /* atomic */
+    int niceness;                   /* of the thread that stepped it */
     bool done;                      /* ls-main */
     enum ls_err err;
 };
@@ -101,7 +104,15 @@ static enum ls_err need_maps(struct ls_job *job, struct ls_chunk *chunk, bool *l
     return ls_field_maps_get(guest->source, LS_MAP_LINEAR, 1, job, &map, diag);
 }
 
-static const struct ls_job_ops makes = {"make", make, NULL}, needs = {"need", need, NULL},
+static enum ls_err see_niceness(struct ls_job *job, struct ls_chunk *chunk, bool *last,
+                                struct ls_diag *diag)
+{
+    ((struct guest *)job)->niceness = getpriority(PRIO_PROCESS, (id_t)gettid());
+    return LS_OK;
+}
+
+static const struct ls_job_ops sees_niceness = {"niceness", see_niceness, NULL},
+                               makes = {"make", make, NULL}, needs = {"need", need, NULL},
                                needs_nothing = {"nothing", need_nothing, NULL},
                                lingers = {"linger", look_and_linger, NULL},
                                needs_maps = {"maps", need_maps, NULL};
@@ -249,6 +260,17 @@ static void requests_for_maps_of_one_take_wait_so(struct hall *hall, gconstpoint
     full_take_free(take);
 }
 
+/* At a tenth of the weight of who merges: 16 clients beside a take at rate cost it no frame. */
+static void who_serves_gives_way(struct hall *hall, gconstpointer data)
+{
+    struct guest guest = {{0}};
+    int before = getpriority(PRIO_PROCESS, (id_t)gettid());
+    send(hall, &guest, &sees_niceness);
+    await(hall, &guest, LS_OK);
+    g_assert_cmpint(guest.niceness, ==, MAX(before, 10));
+    g_assert_cmpint(getpriority(PRIO_PROCESS, (id_t)gettid()), ==, before);
+}
+
 #define TEST(name, function) g_test_add("/job/" name, struct hall, NULL, enter, function, leave)
 
 int main(int argc, char **argv)
@@ -258,6 +280,7 @@ int main(int argc, char **argv)
     TEST("who-waits-is-not-stepped-for-nothing", who_waits_is_not_stepped_for_nothing);
     TEST("who-waits-can-be-cancelled", who_waits_can_be_cancelled);
     TEST("who-waits-when-the-pool-ends-is-told", who_waits_when_the_pool_ends_is_told);
+    TEST("who-serves-gives-way", who_serves_gives_way);
     TEST("no-call-is-lost", no_call_is_lost);
     TEST("requests-for-maps-of-one-take-wait-so", requests_for_maps_of_one_take_wait_so);
     return g_test_run();
