@@ -39,6 +39,9 @@ uint32_t ls_library_tell(struct lightstage *stage, uint16_t type, const Protobuf
 /** Its texts are @status's. */
 struct lightstage_take_status ls_library_take_status(const Lightstage__TakeStatus *status);
 
+/** Its texts are @report's. */
+struct lightstage_spectrum ls_library_spectrum(const Lightstage__SpectrumReport *report);
+
 /** Memory of @bytes, all 0, which also keeps the message of @reply: it is the memory's from now on,
  * and what it says may be pointed to. NULL: no memory, and @error says so. ls_library_release. */
 void *ls_library_keep(const struct ls_reply *reply, size_t bytes, struct lightstage_error *error);

@@ -1,15 +1,14 @@
-/* Fetch and Relight. */
+/* Fetch, in rows. */
 #include "clients/library_pictures.h"
 
 #include "core/factored.h"
 
-#include <stdlib.h>
 #include <string.h>
 
-static uint32_t fill_promoted(Lightstage__Promotion *to, Lightstage__Region *to_region,
-                              const struct lightstage_promotion *promotion,
-                              const struct lightstage_region *region,
-                              struct lightstage_error *error)
+uint32_t ls_library_fill_promoted(Lightstage__Promotion *to, Lightstage__Region *to_region,
+                                  const struct lightstage_promotion *promotion,
+                                  const struct lightstage_region *region,
+                                  struct lightstage_error *error)
 {
     struct lightstage_promotion p = {0};
     uint32_t number = promotion ? ls_library_take_in(&p, sizeof p, promotion, error) : 0;
@@ -26,15 +25,16 @@ static uint32_t fill_promoted(Lightstage__Promotion *to, Lightstage__Region *to_
     return number;
 }
 
-/* ---- fetch ---- */
-
 struct fetch_call {
     lightstage_on_band *callback;
     void *user;
 };
 
-struct lightstage_band ls_library_band(const Lightstage__FetchReply *r)
+struct lightstage_band ls_library_band(const Lightstage__FetchReply *r,
+                                       struct lightstage_spectrum *report)
 {
+    if (r->spectrum)
+        *report = ls_library_spectrum(r->spectrum);
     return (struct lightstage_band){
         .light = r->light,
         .width = r->width,
@@ -49,6 +49,7 @@ struct lightstage_band ls_library_band(const Lightstage__FetchReply *r)
         .factor = (enum lightstage_factor)r->factor,
         .gain = r->gain,
         .spectrum = r->spectrum ? r->spectrum->channel : NULL,
+        .report = r->spectrum ? report : NULL,
     };
 }
 
@@ -56,7 +57,8 @@ static uint32_t take_band(const struct ls_reply *reply, void *user, struct light
 {
     const Lightstage__FetchReply *r = (const Lightstage__FetchReply *)reply->message;
     const struct fetch_call *call = user;
-    struct lightstage_band band = ls_library_band(r);
+    struct lightstage_spectrum report;
+    struct lightstage_band band = ls_library_band(r, &report);
     size_t sample = r->sample == LIGHTSTAGE__SAMPLE__HALF ? 2 : 4;
     size_t pixels = (size_t)r->width * r->n_rows;
     size_t variances = r->variance ? sizeof(float) * pixels : 0;
@@ -85,7 +87,8 @@ uint32_t ls_library_fill_fetch(struct ls_library_fetch *out, const struct lights
     struct lightstage_fetch f;
     uint32_t number = ls_library_take_in(&f, sizeof f, fetch, error);
     if (!number)
-        number = fill_promoted(&out->promotion, &out->region, f.promotion, &f.region, error);
+        number =
+            ls_library_fill_promoted(&out->promotion, &out->region, f.promotion, &f.region, error);
     if (number)
         return number;
     if (!f.take || !(f.channel || f.n_conditions || f.factored))
@@ -115,14 +118,17 @@ uint32_t ls_library_fill_fetch(struct ls_library_fetch *out, const struct lights
     return 0;
 }
 
+uint32_t ls_library_credit_by_caller(struct lightstage_error *error)
+{
+    return ls_library_fail(error, LIGHTSTAGE_BAD_ARGUMENT,
+                           "credit_bytes goes with a call named _begin");
+}
+
 uint32_t ls_library_no_credit(const struct lightstage_fetch *fetch, struct lightstage_error *error)
 {
     struct lightstage_fetch f;
     uint32_t number = ls_library_take_in(&f, sizeof f, fetch, error);
-    if (!number && f.credit_bytes)
-        number = ls_library_fail(error, LIGHTSTAGE_BAD_ARGUMENT,
-                                 "credit_bytes goes with a call named _begin");
-    return number;
+    return !number && f.credit_bytes ? ls_library_credit_by_caller(error) : number;
 }
 
 uint32_t lightstage_fetch_begin(struct lightstage *stage, const struct lightstage_fetch *fetch,
@@ -210,94 +216,4 @@ uint32_t lightstage_fetch_into(struct lightstage *stage, const struct lightstage
     if (!number)
         *shape = into.shape;
     return number;
-}
-
-/* ---- relight ---- */
-
-struct relight_call {
-    lightstage_on_relit *callback;
-    void *user;
-};
-
-static uint32_t take_relit(const struct ls_reply *reply, void *user, struct lightstage_error *error)
-{
-    const Lightstage__RelightReply *r = (const Lightstage__RelightReply *)reply->message;
-    const struct relight_call *call = user;
-    const struct lightstage_relit rows = {
-        .values = reply->payload,
-        .picture = r->picture,
-        .width = r->width,
-        .height = r->height,
-        .first_row = r->first_row,
-        .n_rows = r->n_rows,
-        .lights_used = r->lights_used,
-        .lights_skipped = r->lights_skipped,
-        .tiles_skipped = r->tiles_skipped,
-        .error_bound = r->error_bound,
-        .seconds = r->seconds,
-        .calibrated = r->calibrated,
-    };
-    if (r->width > 65536 || r->height > 65536 || r->first_row > r->height ||
-        r->n_rows > r->height - r->first_row ||
-        reply->payload_bytes != sizeof(float) * 3 * r->width * r->n_rows)
-        return ls_library_fail(error, LIGHTSTAGE_STRANGE,
-                               "the daemon sent rows that do not fit the picture");
-    return call->callback(&rows, call->user)
-               ? ls_library_fail(error, LIGHTSTAGE_CANCELLED, "cancelled by the callback")
-               : 0;
-}
-
-/* 0: they overflow. */
-static size_t weights_bytes(const struct lightstage_relight *r)
-{
-    size_t rows = r->mode == LIGHTSTAGE_TRISTIMULUS ? 3 : r->n_channels;
-    size_t n = r->n_pictures ? r->n_pictures : 1, bytes = 0;
-    if (r->mode == LIGHTSTAGE_PER_TARGET && __builtin_mul_overflow(rows, 3, &rows))
-        return 0;
-    if (__builtin_mul_overflow(n * sizeof(float), rows, &bytes) ||
-        __builtin_mul_overflow(bytes, r->n_lights, &bytes))
-        return 0;
-    return bytes;
-}
-
-uint32_t lightstage_relight_begin(struct lightstage *stage,
-                                  const struct lightstage_relight *relight,
-                                  lightstage_on_relit *callback, void *user, uint32_t *request,
-                                  struct lightstage_error *error)
-{
-    Lightstage__Relight body = LIGHTSTAGE__RELIGHT__INIT;
-    struct lightstage_relight r;
-    Lightstage__Promotion promotion;
-    Lightstage__Region region;
-    const struct relight_call call = {callback, user};
-    uint32_t number = ls_library_take_in(&r, sizeof r, relight, error);
-    if (!number)
-        number = fill_promoted(&promotion, &region, r.promotion, &r.region, error);
-    if (number)
-        return number;
-    if (!r.take || !r.weights || !weights_bytes(&r))
-        return ls_library_fail(error, LIGHTSTAGE_BAD_ARGUMENT,
-                               "a take, and weights of lights and channels, are needed");
-    body.take = (char *)r.take;
-    body.mode = (Lightstage__WeightMode)r.mode;
-    body.channels = (char **)r.channels;
-    body.n_channels = r.n_channels;
-    body.n_lights = r.n_lights;
-    body.n_pictures = r.n_pictures;
-    body.region = &region;
-    body.promotion = r.promotion ? &promotion : NULL;
-    body.max_error = r.max_error;
-    body.camera = r.camera;
-    body.level = r.level;
-    return ls_library_begin(stage, LS_MESSAGE_RELIGHT, &body.base, r.weights, weights_bytes(&r),
-                            take_relit, &call, sizeof call, request, error);
-}
-
-uint32_t lightstage_relight(struct lightstage *stage, const struct lightstage_relight *relight,
-                            lightstage_on_relit *callback, void *user,
-                            struct lightstage_error *error)
-{
-    uint32_t request = 0;
-    uint32_t number = lightstage_relight_begin(stage, relight, callback, user, &request, error);
-    return number ? number : lightstage_wait(stage, request, error);
 }

@@ -1,5 +1,5 @@
 /*
- * library_pictures: what fetching in rows and in tiles share.
+ * library_pictures: what fetching in rows, in tiles and relighting share.
  * Layer: clients. Threads: the client's one. Ownership: the caller's.
  */
 #ifndef LS_CLIENTS_LIBRARY_PICTURES_H
@@ -18,10 +18,20 @@ struct ls_library_fetch {
 uint32_t ls_library_fill_fetch(struct ls_library_fetch *out, const struct lightstage_fetch *fetch,
                                struct lightstage_error *error);
 
+/** Both with their defaults, then as the caller's; @promotion NULL is allowed. 107, 108. */
+uint32_t ls_library_fill_promoted(Lightstage__Promotion *to, Lightstage__Region *to_region,
+                                  const struct lightstage_promotion *promotion,
+                                  const struct lightstage_region *region,
+                                  struct lightstage_error *error);
+
+/** 107, and why. */
+uint32_t ls_library_credit_by_caller(struct lightstage_error *error);
+
 /** 107: who waits for the end from within the library cannot give credit. */
 uint32_t ls_library_no_credit(const struct lightstage_fetch *fetch, struct lightstage_error *error);
 
-/** Without values. Its texts are @reply's. */
-struct lightstage_band ls_library_band(const Lightstage__FetchReply *reply);
+/** Without values. Its texts are @reply's, its report, if any, is @report. */
+struct lightstage_band ls_library_band(const Lightstage__FetchReply *reply,
+                                       struct lightstage_spectrum *report);
 
 #endif

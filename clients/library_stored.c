@@ -6,19 +6,27 @@ struct list_call {
     void *user;
 };
 
+static struct lightstage_take_summary summary_of(const Lightstage__TakeSummary *s)
+{
+    return (struct lightstage_take_summary){
+        .id = s->id,
+        .name = s->name,
+        .state = s->state,
+        .problem = s->problem,
+        .conditions_planned = s->conditions_planned,
+        .conditions_published = s->conditions_published,
+        .width = s->width,
+        .height = s->height,
+        .n_lights = s->n_lights,
+    };
+}
+
 static uint32_t take_list(const struct ls_reply *reply, void *user, struct lightstage_error *error)
 {
     const Lightstage__TakeListReply *r = (const Lightstage__TakeListReply *)reply->message;
     const struct list_call *call = user;
     for (size_t i = 0; i < r->n_takes; i++) {
-        const Lightstage__TakeSummary *s = r->takes[i];
-        const struct lightstage_take_summary summary = {
-            .id = s->id,
-            .name = s->name,
-            .state = s->state,
-            .problem = s->problem,
-            .conditions_planned = s->conditions_planned,
-        };
+        const struct lightstage_take_summary summary = summary_of(r->takes[i]);
         if (call->callback(&summary, call->user))
             return ls_library_fail(error, LIGHTSTAGE_CANCELLED, "cancelled by the callback");
     }
@@ -32,6 +40,34 @@ uint32_t lightstage_take_list(struct lightstage *stage, lightstage_on_take *call
     const struct list_call call = {callback, user};
     return ls_library_call(stage, LS_MESSAGE_TAKE_LIST, &body.base, NULL, 0, take_list, &call,
                            sizeof call, error);
+}
+
+static void *make_summary(const struct ls_reply *reply, struct lightstage_error *error)
+{
+    const Lightstage__TakeShowReply *r = (const Lightstage__TakeShowReply *)reply->message;
+    if (!r->summary) {
+        ls_library_fail(error, LIGHTSTAGE_STRANGE, "the daemon answered without a summary");
+        return NULL;
+    }
+    struct lightstage_take_summary *summary = ls_library_keep(reply, sizeof *summary, error);
+    if (summary)
+        *summary = summary_of(r->summary);
+    return summary;
+}
+
+uint32_t lightstage_take_summary(struct lightstage *stage, const char *take,
+                                 struct lightstage_take_summary **out,
+                                 struct lightstage_error *error)
+{
+    Lightstage__TakeShow body = LIGHTSTAGE__TAKE_SHOW__INIT;
+    body.take = (char *)take;
+    return ls_library_ask(stage, LS_MESSAGE_TAKE_SHOW, &body.base, NULL, 0, make_summary, out,
+                          error);
+}
+
+void lightstage_take_summary_free(struct lightstage_take_summary *summary)
+{
+    ls_library_release(summary);
 }
 
 static void *make_verified(const struct ls_reply *reply, struct lightstage_error *error)

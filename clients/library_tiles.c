@@ -27,7 +27,8 @@ static uint32_t take_tiles(const struct ls_reply *reply, void *user, struct ligh
 {
     const Lightstage__FetchReply *r = (const Lightstage__FetchReply *)reply->message;
     const struct tiles_call *call = user;
-    const struct lightstage_band picture = ls_library_band(r);
+    struct lightstage_spectrum report;
+    const struct lightstage_band picture = ls_library_band(r, &report);
     size_t bytes = (size_t)SIDE * SIDE * r->components *
                    (r->sample == LIGHTSTAGE__SAMPLE__HALF ? 2 : 4),
            at = 0;

@@ -71,6 +71,9 @@ void lightstage_close(struct lightstage *stage);
 /** soname's library, "0.1.0". */
 const char *lightstage_version(void);
 
+/** "busy", "not found": a word for a number, the daemon's or the library's; "error" for others. */
+const char *lightstage_error_name(uint32_t number);
+
 /* ---- requests in flight ----
  * A call named ..._begin sends its request and gives its number; its callback comes from
  * lightstage_dispatch, lightstage_wait or any blocking call on the same client, in the thread that
@@ -114,7 +117,15 @@ struct lightstage_take_status {
     const char *token, *message;
     uint32_t steps_planned, steps_bound, conditions_planned, conditions_stored;
     uint32_t shots_lost, shots_repaired;
-    double frames_per_second;
+    double frames_per_second; /* of the whole take once it has ended */
+    /* once it has ended */
+    const char *repaired; /* what was shot again; NULL until then */
+    double seconds, residual_max_us, residual_rms_us;
+    uint32_t missing_conditions;
+    /* how far the light has drifted since the first reference: the largest of the take so far */
+    const char *drift_text;    /* where, with an alarm also what to do; NULL: no second reference */
+    double drift, drift_error; /* relative: 0.01 = 1 % more; standard error */
+    int drift_alarm;
 };
 
 struct lightstage_camera_status {
@@ -133,6 +144,13 @@ struct lightstage_status {
     uint64_t disk_free_bytes;
     const char *calibration, *privileges;
     struct lightstage_take_status *take; /* NULL: none yet */
+    size_t n_now;
+    const char *const *now; /* of: interlock open, e-stop pressed, hot, work light */
+    uint32_t missed_triggers;
+    uint32_t connections;
+    uint64_t stalled_closed; /* connections closed because their client stopped reading */
+    uint64_t events_skipped; /* that slow clients did not get */
+    uint64_t credit_waits;   /* times that a request waited for its client's credit */
 };
 
 /** *out: (transfer full), lightstage_status_free. */
@@ -142,14 +160,24 @@ uint32_t lightstage_status(struct lightstage *stage, struct lightstage_status **
 /** NULL is allowed. */
 void lightstage_status_free(struct lightstage_status *status);
 
+struct lightstage_started {
+    int already; /* by the same token: nothing was started again */
+    const struct lightstage_take_status *take;
+};
+
 /** Start a take by @plan, the text of a plan file. The same @token again (one's own, e.g. 16 random
- * hex digits) starts nothing: what a lost connection may have started is asked for so. */
+ * hex digits) starts nothing: what a lost connection may have started is asked for so. *out:
+ * (transfer full), lightstage_started_free; out NULL: of no interest. */
 uint32_t lightstage_take_start(struct lightstage *stage, const char *name, const char *token,
-                               const char *plan, struct lightstage_error *error);
+                               const char *plan, struct lightstage_started **out,
+                               struct lightstage_error *error);
 
 /** Shoot what @take lacks. */
 uint32_t lightstage_take_resume(struct lightstage *stage, const char *take, const char *token,
-                                struct lightstage_error *error);
+                                struct lightstage_started **out, struct lightstage_error *error);
+
+/** NULL is allowed. */
+void lightstage_started_free(struct lightstage_started *started);
 
 /** End the take that runs. */
 uint32_t lightstage_take_abort(struct lightstage *stage, struct lightstage_error *error);
@@ -161,6 +189,11 @@ typedef int lightstage_on_progress(const struct lightstage_take_status *status, 
 uint32_t lightstage_take_progress(struct lightstage *stage, const char *token,
                                   lightstage_on_progress *callback, void *user,
                                   struct lightstage_error *error);
+
+/** The same, begun: its callback is not called once it has been cancelled, and the take goes on. */
+uint32_t lightstage_take_progress_begin(struct lightstage *stage, const char *token,
+                                        lightstage_on_progress *callback, void *user,
+                                        uint32_t *request, struct lightstage_error *error);
 
 /** take.json as it is on disk, NUL-terminated. *out: (transfer full), lightstage_text_free. */
 uint32_t lightstage_take_show(struct lightstage *stage, const char *take, char **out,
@@ -220,6 +253,8 @@ struct lightstage_take_summary {
     const char *state;   /* as in take.json, or "damaged" */
     const char *problem; /* why it cannot be read; empty if it can */
     uint32_t conditions_planned;
+    uint32_t conditions_published;
+    uint32_t width, height, n_lights;
 };
 
 typedef int lightstage_on_take(const struct lightstage_take_summary *take, void *user);
@@ -227,6 +262,12 @@ typedef int lightstage_on_take(const struct lightstage_take_summary *take, void 
 /** Every take of the daemon's storage; a callback that does not return 0 ends it (204). */
 uint32_t lightstage_take_list(struct lightstage *stage, lightstage_on_take *callback, void *user,
                               struct lightstage_error *error);
+
+/** One take in short. */
+uint32_t lightstage_take_summary(struct lightstage *stage, const char *take,
+                                 struct lightstage_take_summary **out,
+                                 struct lightstage_error *error);
+void lightstage_take_summary_free(struct lightstage_take_summary *summary);
 
 struct lightstage_verified {
     uint32_t conditions_checked, conditions_missing, conditions_damaged;
@@ -270,6 +311,46 @@ uint32_t lightstage_take_slate_write(struct lightstage *stage, const char *take,
                                      const struct lightstage_slate *write, uint32_t fields,
                                      struct lightstage_slate **out, struct lightstage_error *error);
 void lightstage_slate_free(struct lightstage_slate *slate);
+
+/* ---- what was counted since the daemon started ---- */
+
+struct lightstage_latency {
+    const char *part; /* "frame", "merged", "stored", "total": of a picture */
+    uint64_t count, sum_ns;
+    uint64_t p50_ns, p99_ns; /* to 1.6 % */
+    uint64_t max_ns;
+    size_t n_below;
+    const uint64_t *below; /* how many of them are shorter than 2^(18 + i) ns, from i = 0 */
+};
+
+struct lightstage_reason {
+    const char *reason; /* "late", "incomplete", "no_frame", ... */
+    uint64_t count;
+};
+
+struct lightstage_camera_metrics {
+    const char *name;
+    size_t n_latencies;
+    const struct lightstage_latency *const *latencies;
+    size_t n_frames_discarded, n_steps_unbound; /* every reason there is */
+    const struct lightstage_reason *const *frames_discarded, *const *steps_unbound;
+    uint64_t frames_bound, shots_lost, shots_repaired, packets_resent, underruns;
+    uint64_t settling_pulses; /* dark, after an exposure was written; their frames are discarded */
+};
+
+struct lightstage_metrics {
+    size_t n_cameras;
+    const struct lightstage_camera_metrics *const *cameras;
+    uint64_t pulses, takes_complete, takes_incomplete, takes_aborted, takes_failed;
+    int take_running;
+    uint32_t connections;
+    uint64_t stalled_closed, events_skipped, credit_waits; /* as lightstage_status */
+    uint64_t pictures_skipped; /* of Preview, that slow clients did not get */
+};
+
+uint32_t lightstage_metrics(struct lightstage *stage, struct lightstage_metrics **out,
+                            struct lightstage_error *error);
+void lightstage_metrics_free(struct lightstage_metrics *metrics);
 
 /* ---- what happens ---- */
 
@@ -362,6 +443,34 @@ enum lightstage_model {
     LIGHTSTAGE_LINEAR = 4,
 };
 enum lightstage_reference { LIGHTSTAGE_STRENGTHS = 0, LIGHTSTAGE_PAPER = 1 };
+
+/** "measured", "sphere", "headlight", "separated", "linear"; "strengths", "paper". NULL: no such
+ * number. */
+const char *lightstage_model_name(enum lightstage_model model);
+const char *lightstage_reference_name(enum lightstage_reference reference);
+
+/** Not 0: there is one of that name, and *out is it. */
+int lightstage_model_by_name(const char *name, enum lightstage_model *out);
+int lightstage_reference_by_name(const char *name, enum lightstage_reference *out);
+
+/** What was really done for one spectrum. */
+struct lightstage_spectrum {
+    const char *channel;
+    enum lightstage_model model; /* one of a newer daemon has no name */
+    enum lightstage_reference reference;
+    uint32_t segments;     /* LINEAR: pictures the matrices were fitted on */
+    int blended;           /* LINEAR, mono camera: a blend of the segments' ratios, no matrix */
+    double left_out_error; /* LINEAR: estimate of a single light's relative RMS error, as served */
+    double left_out_share; /* of the pixels that estimate rests on, [0, 1]; 0: no estimate */
+    uint32_t inseparable_lights; /* SEPARATED: whose whole picture is promoted by Eq. 1 */
+    uint32_t multiplexed;        /* order of the matrix its lights were shown by; 0: one by one */
+    double spare_deviation;      /* sigmas by which its spare column differs from 0 */
+    int spare_alarm;             /* by more than five: the lights decoded are not to be trusted */
+    uint32_t checked_lights; /* LINEAR: also photographed alone, and held against; 0: no errors */
+    double checked_error;    /* relative RMS of their promoted pictures, all pixels */
+    double highlight_error;  /* the same where such a light is a highlight */
+    double highlight_share;  /* of those lights' pixels that are, [0, 1]; 0: no such error */
+};
 enum lightstage_layout { LIGHTSTAGE_MOSAIC = 0, LIGHTSTAGE_RGB = 1, LIGHTSTAGE_MONO = 2 };
 enum lightstage_quantity {
     LIGHTSTAGE_REFLECTANCE = 0, /* R = k E */
@@ -432,7 +541,8 @@ struct lightstage_band {
     const uint8_t *validity; /* [n_rows][width], enum lightstage_validity; NULL: not asked */
     enum lightstage_factor factor;
     float gain;
-    const char *spectrum; /* with a picture's first band; else NULL */
+    const char *spectrum;                     /* with a picture's first band; else NULL */
+    const struct lightstage_spectrum *report; /* likewise */
 };
 
 typedef int lightstage_on_band(const struct lightstage_band *band, void *user);
@@ -523,6 +633,7 @@ struct lightstage_relight {
     const struct lightstage_promotion *promotion; /* NULL: SPHERE, STRENGTHS */
     double max_error;                             /* what may be left out; 0: nothing */
     uint32_t camera, level;
+    uint64_t credit_bytes; /* as of a fetch, of values */
 };
 
 /** Rows of one picture, float [n_rows][width][3] in camera RGB. The last one has no rows and tells
@@ -537,6 +648,8 @@ struct lightstage_relit {
     double error_bound; /* of what was left out */
     double seconds;
     int calibrated;
+    size_t n_spectra; /* in the last: every channel that shone */
+    const struct lightstage_spectrum *const *spectra;
 };
 
 typedef int lightstage_on_relit(const struct lightstage_relit *rows, void *user);
@@ -547,7 +660,7 @@ uint32_t lightstage_relight_begin(struct lightstage *stage,
                                   lightstage_on_relit *callback, void *user, uint32_t *request,
                                   struct lightstage_error *error);
 
-/** The same, to its end. */
+/** The same, to its end; without credit_bytes (107). */
 uint32_t lightstage_relight(struct lightstage *stage, const struct lightstage_relight *relight,
                             lightstage_on_relit *callback, void *user,
                             struct lightstage_error *error);

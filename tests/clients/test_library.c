@@ -66,6 +66,9 @@ static int count_band(const struct lightstage_band *band, void *user)
 {
     struct counted *counted = user;
     counted->rows += band->n_rows;
+    g_assert_true(!band->report == (band->first_row > 0));
+    if (band->report)
+        g_assert_cmpstr(band->report->channel, ==, "W");
     return ++counted->calls == counted->stop_at;
 }
 
@@ -73,7 +76,9 @@ static int count_relit(const struct lightstage_relit *rows, void *user)
 {
     struct counted *counted = user;
     counted->rows += rows->n_rows;
-    counted->calls += rows->n_rows == 0 && rows->lights_used == TAKE_LIGHTS;
+    counted->calls += rows->n_rows == 0 && rows->lights_used == TAKE_LIGHTS &&
+                      rows->n_spectra == 1 && !strcmp(rows->spectra[0]->channel, "W") &&
+                      rows->spectra[0]->model == LIGHTSTAGE_MEASURED;
     return 0;
 }
 
@@ -182,6 +187,7 @@ static void structs_of_older_and_newer_headers_are_taken(struct stage *stage, gc
 
 static int keep_state(const struct lightstage_take_status *status, void *user)
 {
+    g_assert_true(!status->repaired == (status->state < LIGHTSTAGE_TAKE_COMPLETE));
     *(enum lightstage_take_state *)user = status->state;
     return 0;
 }
@@ -197,12 +203,22 @@ static void a_take_is_started_followed_and_told(struct stage *stage, gconstpoint
     struct lightstage_error error = {0};
     struct lightstage_status *status = NULL;
     enum lightstage_take_state state = LIGHTSTAGE_TAKE_NONE;
-    g_assert_cmpuint(
-        lightstage_take_start(client, "face", "token-1", "subject = \"still\";", &error), ==, 0);
+    struct lightstage_started *started[2] = {NULL};
+    for (int i = 0; i < 2; i++)
+        g_assert_cmpuint(lightstage_take_start(client, "face", "token-1", "subject = \"still\";",
+                                               &started[i], &error),
+                         ==, 0);
+    g_assert_false(started[0]->already);
+    g_assert_true(started[1]->already);
+    g_assert_cmpstr(started[1]->take->token, ==, "token-1");
+    lightstage_started_free(started[0]);
+    lightstage_started_free(started[1]);
     g_assert_cmpuint(lightstage_status(client, &status, &error), ==, 0);
     g_assert_nonnull(status->take);
     g_assert_cmpint(status->take->state, ==, LIGHTSTAGE_TAKE_PREPARING);
     g_assert_cmpstr(status->take->token, ==, "token-1");
+    g_assert_null(status->take->repaired);
+    g_assert_cmpuint(status->connections, ==, 1);
     lightstage_status_free(status);
     g_assert_cmpuint(lightstage_take_progress(client, "token-1", stop_at_once, NULL, &error), ==,
                      LIGHTSTAGE_CANCELLED);
@@ -238,6 +254,53 @@ static void the_rig_and_a_plans_cost_are_told(struct stage *stage, gconstpointer
     lightstage_preflight_free(cost);
 }
 
+static void what_was_counted_is_told(struct stage *stage, gconstpointer data)
+{
+    struct ls_camera_metrics *camera = &fake_engine_metrics(stage->engine)->cameras[0];
+    struct lightstage *client = connected(stage);
+    struct lightstage_metrics *metrics = NULL;
+    camera->frames_bound = 99;
+    camera->frames_discarded[LS_BIND_STALE] = 3;
+    for (int i = 0; i < 7; i++)
+        ls_histogram_add(&camera->latencies[LS_LATENCY_FRAME], 1 << 20);
+    g_assert_cmpuint(lightstage_metrics(client, &metrics, NULL), ==, 0);
+    lightstage_close(client);
+    g_assert_cmpuint(metrics->n_cameras, ==, 1);
+    g_assert_cmpuint(metrics->connections, ==, 1);
+    const struct lightstage_camera_metrics *told = metrics->cameras[0];
+    g_assert_cmpstr(told->name, ==, "front");
+    g_assert_cmpuint(told->frames_bound, ==, 99);
+    uint64_t late = 0, others = 0;
+    for (size_t i = 0; i < told->n_frames_discarded; i++)
+        *(strcmp(told->frames_discarded[i]->reason, "late") ? &others : &late) +=
+            told->frames_discarded[i]->count;
+    g_assert_cmpuint(late, ==, 3);
+    g_assert_cmpuint(others, ==, 0);
+    g_assert_cmpstr(told->latencies[0]->part, ==, "frame");
+    g_assert_cmpuint(told->latencies[0]->count, ==, 7);
+    g_assert_cmpuint(told->latencies[0]->below[2], ==, 0); /* 2^20 ns is not shorter than itself */
+    g_assert_cmpuint(told->latencies[0]->below[3], ==, 7);
+    g_assert_cmpuint(told->latencies[1]->count, ==, 0);
+    lightstage_metrics_free(metrics);
+}
+
+static void numbers_have_words(void)
+{
+    enum lightstage_model model = LIGHTSTAGE_MEASURED;
+    enum lightstage_reference reference = LIGHTSTAGE_STRENGTHS;
+    g_assert_true(lightstage_model_by_name("linear", &model));
+    g_assert_cmpint(model, ==, LIGHTSTAGE_LINEAR);
+    g_assert_false(lightstage_model_by_name("magic", &model));
+    g_assert_true(lightstage_reference_by_name("paper", &reference));
+    g_assert_cmpint(reference, ==, LIGHTSTAGE_PAPER);
+    g_assert_cmpstr(lightstage_model_name(LIGHTSTAGE_SEPARATED), ==, "separated");
+    g_assert_null(lightstage_model_name((enum lightstage_model)99));
+    g_assert_cmpstr(lightstage_reference_name(LIGHTSTAGE_STRENGTHS), ==, "strengths");
+    g_assert_cmpstr(lightstage_error_name(201), ==, "busy");
+    g_assert_cmpstr(lightstage_error_name(LIGHTSTAGE_LOST), ==, "connection lost");
+    g_assert_cmpstr(lightstage_error_name(0), ==, "error");
+}
+
 struct listed {
     uint32_t n;
     char id[64];
@@ -265,6 +328,14 @@ static void takes_on_disk_are_listed_and_verified(struct stage *stage, gconstpoi
     listed.n = 1; /* the callback stops at 2 */
     g_assert_cmpuint(lightstage_take_list(client, keep_id, &listed, NULL), ==,
                      LIGHTSTAGE_CANCELLED);
+    struct lightstage_take_summary *summary = NULL;
+    g_assert_cmpuint(lightstage_take_summary(client, take->id, &summary, NULL), ==, 0);
+    g_assert_cmpstr(summary->id, ==, take->id);
+    g_assert_cmpuint(summary->width, ==, TAKE_W);
+    g_assert_cmpuint(summary->height, ==, TAKE_H);
+    g_assert_cmpuint(summary->n_lights, ==, TAKE_LIGHTS);
+    g_assert_cmpuint(summary->conditions_published, ==, summary->conditions_planned - 1);
+    lightstage_take_summary_free(summary);
     g_assert_cmpuint(lightstage_take_verify(client, take->id, &verified, NULL), ==, 0);
     g_assert_cmpuint(verified->conditions_missing, ==, 1);
     g_assert_cmpuint(verified->n_findings, >, 0);
@@ -710,6 +781,8 @@ int main(int argc, char **argv)
                 structs_of_older_and_newer_headers_are_taken);
     ADD_LIBRARY("a-take-is-started-followed-and-told", a_take_is_started_followed_and_told);
     ADD_LIBRARY("the-rig-and-a-plans-cost-are-told", the_rig_and_a_plans_cost_are_told);
+    ADD_LIBRARY("what-was-counted-is-told", what_was_counted_is_told);
+    g_test_add_func("/liblightstage/numbers-have-words", numbers_have_words);
     ADD_LIBRARY("takes-on-disk-are-listed-and-verified", takes_on_disk_are_listed_and_verified);
     ADD_LIBRARY("a-slate-is-written-field-by-field", a_slate_is_written_field_by_field);
     ADD_LIBRARY("pictures-come-by-name-with-what-is-known-of-their-pixels",

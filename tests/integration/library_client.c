@@ -48,9 +48,9 @@ static uint32_t photograph(struct lightstage *stage, const char *plan, struct fo
     struct lightstage_status *status = NULL;
     char token[32], *document = NULL;
     snprintf(token, sizeof token, "library-%d", (int)getpid());
-    uint32_t number = lightstage_take_start(stage, "by-library", token, plan, error);
+    uint32_t number = lightstage_take_start(stage, "by-library", token, plan, NULL, error);
     if (!number) /* the same again starts nothing */
-        number = lightstage_take_start(stage, "by-library", token, plan, error);
+        number = lightstage_take_start(stage, "by-library", token, plan, NULL, error);
     if (!number)
         number = lightstage_take_progress(stage, token, follow, followed, error);
     if (!number)
