@@ -140,7 +140,7 @@ size_t lightstage_in_flight(const struct lightstage *stage)
     return n;
 }
 
-static struct in_flight *find(struct lightstage *stage, uint32_t request)
+static struct in_flight *find(const struct lightstage *stage, uint32_t request)
 {
     struct in_flight *f = stage->first;
     while (f && f->request != request)
@@ -273,6 +273,12 @@ uint32_t lightstage_dispatch(struct lightstage *stage, struct lightstage_error *
     return number;
 }
 
+int lightstage_has_ended(const struct lightstage *stage, uint32_t request)
+{
+    const struct in_flight *flight = find(stage, request);
+    return !flight || flight->ended;
+}
+
 uint32_t lightstage_wait(struct lightstage *stage, uint32_t request, struct lightstage_error *error)
 {
     struct in_flight *flight = find(stage, request);
@@ -281,6 +287,8 @@ uint32_t lightstage_wait(struct lightstage *stage, uint32_t request, struct ligh
                                request);
     while (!flight->ended)
         (void)one_frame(stage, NULL); /* a loss ends every request */
+    while (!stage->lost && ls_connection_has_bytes(stage->connection))
+        (void)one_frame(stage, NULL); /* of others: who polls would not hear of them */
     uint32_t number = flight->error.number;
     if (error)
         *error = flight->error;

@@ -175,10 +175,19 @@ uint32_t lightstage_take_resume(struct lightstage *stage, const char *take, cons
     return ask_start(stage, LS_MESSAGE_TAKE_RESUME, &body.base, NULL, out, error);
 }
 
-uint32_t lightstage_take_abort(struct lightstage *stage, struct lightstage_error *error)
+uint32_t lightstage_take_abort_begin(struct lightstage *stage, uint32_t *request,
+                                     struct lightstage_error *error)
 {
     Lightstage__TakeAbort body = LIGHTSTAGE__TAKE_ABORT__INIT;
-    return ls_library_call(stage, LS_MESSAGE_TAKE_ABORT, &body.base, NULL, 0, NULL, NULL, 0, error);
+    return ls_library_begin(stage, LS_MESSAGE_TAKE_ABORT, &body.base, NULL, 0, NULL, NULL, 0,
+                            request, error);
+}
+
+uint32_t lightstage_take_abort(struct lightstage *stage, struct lightstage_error *error)
+{
+    uint32_t request = 0;
+    uint32_t number = lightstage_take_abort_begin(stage, &request, error);
+    return number ? number : lightstage_wait(stage, request, error);
 }
 
 uint32_t lightstage_blank(struct lightstage *stage, struct lightstage_error *error)

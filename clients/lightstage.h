@@ -91,6 +91,9 @@ uint32_t lightstage_dispatch(struct lightstage *stage, struct lightstage_error *
 /** How many requests have not ended, and how they ended not been asked for (by lightstage_wait). */
 size_t lightstage_in_flight(const struct lightstage *stage);
 
+/** Not 0: lightstage_wait says at once how @request has ended, or that there is none. */
+int lightstage_has_ended(const struct lightstage *stage, uint32_t request);
+
 /** Wait until @request has ended, and say how; it is forgotten then. 107: no such request. */
 uint32_t lightstage_wait(struct lightstage *stage, uint32_t request,
                          struct lightstage_error *error);
@@ -180,6 +183,10 @@ uint32_t lightstage_take_resume(struct lightstage *stage, const char *take, cons
 void lightstage_started_free(struct lightstage_started *started);
 
 /** End the take that runs. */
+uint32_t lightstage_take_abort_begin(struct lightstage *stage, uint32_t *request,
+                                     struct lightstage_error *error);
+
+/** The same, and hear that it will. */
 uint32_t lightstage_take_abort(struct lightstage *stage, struct lightstage_error *error);
 
 typedef int lightstage_on_progress(const struct lightstage_take_status *status, void *user);

@@ -122,6 +122,35 @@ static void many_requests_are_in_flight_from_one_thread(struct stage *stage, gco
     made_take_free(take);
 }
 
+/* What was read with the end of one request is of another: polling would not tell. */
+static void waiting_for_one_leaves_nothing_unread_of_others(struct stage *stage, gconstpointer data)
+{
+    struct made_take *take = make_take(stage->storage, true, -1);
+    struct lightstage *client = connected(stage);
+    const uint32_t light = 0;
+    struct lightstage_fetch fetch = stored(take);
+    fetch.lights = &light;
+    fetch.n_lights = 1;
+    fetch.region = (struct lightstage_region){0, 0, 2, 2};
+    for (int i = 0; i < 200; i++) { /* both arrive at once often enough */
+        struct counted counted = {0};
+        uint32_t one = 0, other = 0;
+        lightstage_fetch_begin(client, &fetch, count_band, &counted, &one, NULL);
+        lightstage_fetch_begin(client, &fetch, count_band, &counted, &other, NULL);
+        g_assert_cmpuint(lightstage_wait(client, one, NULL), ==, 0);
+        while (!lightstage_has_ended(client, other)) {
+            struct pollfd wait = {.fd = lightstage_descriptor(client), .events = POLLIN};
+            g_assert_cmpint(poll(&wait, 1, 5000), ==, 1);
+            g_assert_cmpuint(lightstage_dispatch(client, NULL), ==, 0);
+        }
+        g_assert_cmpuint(lightstage_wait(client, other, NULL), ==, 0);
+        g_assert_cmpuint(counted.rows, ==, 4);
+        g_assert_true(lightstage_has_ended(client, other));
+    }
+    lightstage_close(client);
+    made_take_free(take);
+}
+
 static void a_callback_and_a_call_cancel(struct stage *stage, gconstpointer data)
 {
     struct made_take *take = make_take(stage->storage, true, -1);
@@ -774,6 +803,8 @@ int main(int argc, char **argv)
                 pictures_come_into_a_buffer_as_they_are_stored);
     ADD_LIBRARY("many-requests-are-in-flight-from-one-thread",
                 many_requests_are_in_flight_from_one_thread);
+    ADD_LIBRARY("waiting-for-one-leaves-nothing-unread-of-others",
+                waiting_for_one_leaves_nothing_unread_of_others);
     ADD_LIBRARY("a-callback-and-a-call-cancel", a_callback_and_a_call_cancel);
     ADD_LIBRARY("errors-are-the-daemons-number-and-sentence",
                 errors_are_the_daemons_number_and_sentence);
