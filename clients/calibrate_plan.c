@@ -70,7 +70,7 @@ static enum ls_err add_int(config_setting_t *parent, const char *name, uint32_t 
 /* A group of @kind in the rig's channels, those left out in which the plan has its own. @count: of
  * segments, else 0. */
 static enum ls_err add_group(config_setting_t *conditions, int n_shown,
-                             const Lightstage__RigReply *rig, const char *kind, bool polarised,
+                             const struct lightstage_rig *rig, const char *kind, bool polarised,
                              uint32_t count)
 {
     config_setting_t *group = config_setting_add(conditions, NULL, CONFIG_TYPE_GROUP);
@@ -88,8 +88,9 @@ static enum ls_err add_group(config_setting_t *conditions, int n_shown,
     return err;
 }
 
-static enum ls_err add_groups(const struct ls_calibrate_plan *plan, const Lightstage__RigReply *rig,
-                              config_t *config, struct ls_diag *diag)
+static enum ls_err add_groups(const struct ls_calibrate_plan *plan,
+                              const struct lightstage_rig *rig, config_t *config,
+                              struct ls_diag *diag)
 {
     config_setting_t *conditions = keep_patterns(config);
     int n = conditions ? config_setting_length(conditions) : 0;
@@ -130,7 +131,7 @@ static enum ls_err write_text(const struct ls_calibrate_plan *plan, const config
 }
 
 enum ls_err ls_calibrate_plan_text(const struct ls_calibrate_plan *plan,
-                                   const Lightstage__RigReply *rig, char **text,
+                                   const struct lightstage_rig *rig, char **text,
                                    struct ls_diag *diag)
 {
     config_t config;

@@ -5,8 +5,8 @@
 #ifndef LS_CLIENTS_CALIBRATE_PLAN_H
 #define LS_CLIENTS_CALIBRATE_PLAN_H
 
+#include "clients/lightstage.h"
 #include "core/error.h"
-#include "proto/lightstage.pb-c.h"
 
 #include <stdint.h>
 
@@ -24,7 +24,7 @@ struct ls_calibrate_plan {
  * full). Errors: LS_ERR_INVALID naming the file and line; LS_ERR_NOMEM.
  */
 LS_MUST_CHECK enum ls_err ls_calibrate_plan_text(const struct ls_calibrate_plan *plan,
-                                                 const Lightstage__RigReply *rig, char **text,
+                                                 const struct lightstage_rig *rig, char **text,
                                                  struct ls_diag *diag);
 
 #endif

@@ -6,7 +6,6 @@
 #include <signal.h>
 #include <stdio.h>
 #include <stdlib.h>
-#include <string.h>
 
 static const struct {
     const char *take, *subject;
@@ -47,13 +46,13 @@ static int ask(enum ls_calibrate_object object)
 /* ---- the plan ---- */
 
 /* "R", "A" of the channels wanted. */
-static void channel_list(const Lightstage__RigReply *rig, bool spectra, bool polarisers,
+static void channel_list(const struct lightstage_rig *rig, bool spectra, bool polarisers,
                          bool white_alone, char *out, size_t size)
 {
     size_t at = 0;
     out[0] = '\0';
     for (size_t c = 0; c < rig->n_channels && at < size; c++) {
-        const Lightstage__RigChannel *channel = rig->channels[c];
+        const struct lightstage_channel *channel = rig->channels[c];
         if (channel->polariser ? !polarisers : !spectra)
             continue;
         at += (size_t)snprintf(out + at, size - at, "%s\"%s\"", at ? ", " : "", channel->name);
@@ -63,7 +62,7 @@ static void channel_list(const Lightstage__RigReply *rig, bool spectra, bool pol
 }
 
 static enum ls_err write_plan(const struct ls_calibrate_shoot *shoot,
-                              enum ls_calibrate_object object, const Lightstage__RigReply *rig,
+                              enum ls_calibrate_object object, const struct lightstage_rig *rig,
                               char **out, struct ls_diag *diag)
 {
     char channels[512];
@@ -84,60 +83,52 @@ static enum ls_err write_plan(const struct ls_calibrate_shoot *shoot,
 static int make_plan(struct ls_command_context *context, const struct ls_calibrate_shoot *shoot,
                      enum ls_calibrate_object object, char **plan)
 {
-    Lightstage__Rig body = LIGHTSTAGE__RIG__INIT;
-    struct ls_reply reply;
-    int code = ls_command_call(context, LS_MESSAGE_RIG, &body.base, NULL, 0, &reply);
+    struct lightstage_rig *rig = NULL;
+    int code = ls_command_answered(context, lightstage_rig(context->stage, &rig, &context->error));
     if (code)
         return code;
-    const Lightstage__RigReply *rig = (const Lightstage__RigReply *)reply.message;
     if (shoot->segments_asked && shoot->segments > rig->n_lights)
         code = ls_command_wrong("--segments %u: the rig has %u lights", shoot->segments,
                                 rig->n_lights);
     enum ls_err err = code ? LS_OK : write_plan(shoot, object, rig, plan, &context->diag);
-    ls_reply_finish(&reply);
+    lightstage_rig_free(rig);
     return err ? ls_command_failed(context, err) : code;
 }
 
 /* ---- the take ---- */
 
-static int take_of_token(struct ls_command_context *context, const char *token, char id[128])
+static int keep_id(const struct lightstage_take_status *status, void *user)
 {
-    Lightstage__TakeProgress body = LIGHTSTAGE__TAKE_PROGRESS__INIT;
-    struct ls_reply reply;
-    body.token = (char *)token;
-    int code = ls_command_call(context, LS_MESSAGE_TAKE_PROGRESS, &body.base, NULL, 0, &reply);
-    if (code)
-        return code;
-    snprintf(id, 128, "%s", ((const Lightstage__TakeStatus *)reply.message)->id);
-    ls_reply_finish(&reply);
-    return LS_EXIT_OK;
+    snprintf(user, 128, "%s", status->id);
+    return 0;
 }
 
 static int photograph(struct ls_command_context *context, enum ls_calibrate_object object,
                       const char *plan, char id[128])
 {
     char token[64];
-    Lightstage__TakeStart body = LIGHTSTAGE__TAKE_START__INIT;
-    struct ls_reply reply;
     if (!ls_take_token(token))
         return ls_command_wrong("no random numbers for a token");
-    body.name = (char *)objects[object].take;
-    body.token = token;
     int code =
-        ls_command_call(context, LS_MESSAGE_TAKE_START, &body.base, plan, strlen(plan), &reply);
-    if (code)
-        return code;
-    ls_reply_finish(&reply);
-    code = ls_take_follow(context, token);
-    return code ? code : take_of_token(context, token, id);
+        ls_command_answered(context, lightstage_take_start(context->stage, objects[object].take,
+                                                           token, plan, NULL, &context->error));
+    if (!code)
+        code = ls_take_follow(context, token);
+    if (!code)
+        code = ls_command_answered(
+            context, lightstage_take_progress(context->stage, token, keep_id, id, &context->error));
+    return code;
 }
 
 int ls_calibrate_shoot(struct ls_command_context *context, const struct ls_calibrate_shoot *shoot,
                        enum ls_calibrate_object object, char id[128])
 {
     LS_CLEANUP_FREE char *plan = NULL;
+    int code = ls_command_open(context);
+    if (code)
+        return code;
     ls_take_follow_signals();
-    int code = make_plan(context, shoot, object, &plan);
+    code = make_plan(context, shoot, object, &plan);
     if (!code && !shoot->yes)
         code = ask(object);
     if (!code)

@@ -7,7 +7,7 @@
 
 /* ---- JSON ---- */
 
-static json_t *latency_json(const Lightstage__Latency *l)
+static json_t *latency_json(const struct lightstage_latency *l)
 {
     return json_pack("{sI sf sf sf}", "count", (json_int_t)l->count, "p50_ms",
                      (double)l->p50_ns * 1e-6, "p99_ms", (double)l->p99_ns * 1e-6, "max_ms",
@@ -15,7 +15,7 @@ static json_t *latency_json(const Lightstage__Latency *l)
 }
 
 /* Reasons that occurred. */
-static json_t *reasons_json(Lightstage__ReasonCount *const *reasons, size_t n)
+static json_t *reasons_json(const struct lightstage_reason *const *reasons, size_t n)
 {
     json_t *out = json_object();
     for (size_t i = 0; i < n; i++)
@@ -25,7 +25,7 @@ static json_t *reasons_json(Lightstage__ReasonCount *const *reasons, size_t n)
     return out;
 }
 
-static json_t *camera_json(const Lightstage__CameraMetrics *c)
+static json_t *camera_json(const struct lightstage_camera_metrics *c)
 {
     json_t *latencies = json_object();
     for (size_t i = 0; i < c->n_latencies; i++)
@@ -39,7 +39,7 @@ static json_t *camera_json(const Lightstage__CameraMetrics *c)
                      (json_int_t)c->packets_resent, "underruns", (json_int_t)c->underruns);
 }
 
-static void print_json(const Lightstage__MetricsReply *m)
+static void print_json(const struct lightstage_metrics *m)
 {
     json_t *cameras = json_array();
     for (size_t i = 0; i < m->n_cameras; i++)
@@ -54,28 +54,29 @@ static void print_json(const Lightstage__MetricsReply *m)
 
 /* ---- text ---- */
 
-static void print_reasons(const char *what, Lightstage__ReasonCount *const *reasons, size_t n)
+static void print_reasons(const char *what, const struct lightstage_reason *const *reasons,
+                          size_t n)
 {
     for (size_t i = 0; i < n; i++)
         if (reasons[i]->count)
-            printf("  %" PRIu64 " %s: %s\n", reasons[i]->count, what, ls_clean(reasons[i]->reason));
+            ls_say("  %" PRIu64 " %s: %s\n", reasons[i]->count, what, reasons[i]->reason);
 }
 
-static void print_camera(const Lightstage__CameraMetrics *c)
+static void print_camera(const struct lightstage_camera_metrics *c)
 {
-    printf("camera %s: %" PRIu64 " frames bound, %" PRIu64 " shots lost, %" PRIu64
+    ls_say("camera %s: %" PRIu64 " frames bound, %" PRIu64 " shots lost, %" PRIu64
            " repaired, %" PRIu64 " packets sent again\n",
-           ls_clean(c->name), c->frames_bound, c->shots_lost, c->shots_repaired, c->packets_resent);
+           c->name, c->frames_bound, c->shots_lost, c->shots_repaired, c->packets_resent);
     print_reasons("frames discarded", c->frames_discarded, c->n_frames_discarded);
     print_reasons("pulses without a frame", c->steps_unbound, c->n_steps_unbound);
     printf("  %-8s %10s %10s %10s %10s\n", "ms", "count", "p50", "p99", "max");
     for (size_t i = 0; i < c->n_latencies; i++)
-        printf("  %-8s %10" PRIu64 " %10.2f %10.2f %10.2f\n", ls_clean(c->latencies[i]->part),
+        ls_say("  %-8s %10" PRIu64 " %10.2f %10.2f %10.2f\n", c->latencies[i]->part,
                c->latencies[i]->count, (double)c->latencies[i]->p50_ns * 1e-6,
                (double)c->latencies[i]->p99_ns * 1e-6, (double)c->latencies[i]->max_ns * 1e-6);
 }
 
-static void print_text(const Lightstage__MetricsReply *m)
+static void print_text(const struct lightstage_metrics *m)
 {
     printf("takes: %" PRIu64 " complete, %" PRIu64 " incomplete, %" PRIu64 " aborted, %" PRIu64
            " failed; %" PRIu64 " pulses\n",
@@ -86,7 +87,7 @@ static void print_text(const Lightstage__MetricsReply *m)
 
 /* ---- Prometheus ---- */
 
-static int print_prometheus(struct ls_command_context *context, const Lightstage__MetricsReply *m,
+static int print_prometheus(struct ls_command_context *context, const struct lightstage_metrics *m,
                             const char *path)
 {
     size_t n = 0;
@@ -130,22 +131,23 @@ static int parse(struct ls_command_context *context, int argc, char **argv, stru
 
 static int run(struct ls_command_context *context, int argc, char **argv)
 {
-    Lightstage__Metrics body = LIGHTSTAGE__METRICS__INIT;
+    struct lightstage_metrics *m = NULL;
     struct options o;
-    struct ls_reply reply;
     int code = parse(context, argc, argv, &o);
     if (!code)
-        code = ls_command_call(context, LS_MESSAGE_METRICS, &body.base, NULL, 0, &reply);
+        code = ls_command_open(context);
+    if (!code)
+        code =
+            ls_command_answered(context, lightstage_metrics(context->stage, &m, &context->error));
     if (code)
         return code;
-    const Lightstage__MetricsReply *m = (const Lightstage__MetricsReply *)reply.message;
     if (o.prometheus)
         code = print_prometheus(context, m, o.output);
     else if (context->json)
         print_json(m);
     else
         print_text(m);
-    ls_reply_finish(&reply);
+    lightstage_metrics_free(m);
     return code;
 }
 

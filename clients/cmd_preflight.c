@@ -5,7 +5,7 @@
 #include <stdio.h>
 #include <stdlib.h>
 
-static void print_json(const Lightstage__PreflightReply *p)
+static void print_json(const struct lightstage_preflight *p)
 {
     ls_command_print_json(
         json_pack("{ss sI sI sI sf sI sI sf sf sf sf ss}", "bracket", p->bracket, "conditions",
@@ -16,17 +16,17 @@ static void print_json(const Lightstage__PreflightReply *p)
                   "led_duty", p->led_duty, "warnings", p->warnings));
 }
 
-static void print_text(const Lightstage__PreflightReply *p)
+static void print_text(const struct lightstage_preflight *p)
 {
-    printf("conditions  %u\nshots       %u\nexposures   by %s\nduration    %.0f s\ndisk        "
+    ls_say("conditions  %u\nshots       %u\nexposures   by %s\nduration    %.0f s\ndisk        "
            "%.2f GB of %.1f GB "
            "free\ndark noise  %.0f %% of a relit picture's\n",
-           p->conditions, p->shots, ls_clean(p->bracket), p->seconds, (double)p->bytes * 1e-9,
+           p->conditions, p->shots, p->bracket, p->seconds, (double)p->bytes * 1e-9,
            (double)p->disk_free_bytes * 1e-9, p->dark_noise_share * 100);
     printf("LEDs        %.0f J, at most %.1f A, the busiest lit %.2f %% of the time\n", p->energy_j,
            p->peak_current_a, p->led_duty * 100);
     if (p->warnings[0])
-        printf("warning     %s\n", ls_clean(p->warnings));
+        ls_say("warning     %s\n", p->warnings);
 }
 
 static int run(struct ls_command_context *context, int argc, char **argv)
@@ -35,8 +35,7 @@ static int run(struct ls_command_context *context, int argc, char **argv)
     static const struct option options[] = {{"plan", required_argument, NULL, PLAN},
                                             {"custom", required_argument, NULL, CUSTOM},
                                             LS_COMMON_OPTIONS};
-    Lightstage__Preflight body = LIGHTSTAGE__PREFLIGHT__INIT;
-    struct ls_reply reply;
+    struct lightstage_preflight *cost = NULL;
     const char *path = NULL, *custom = NULL;
     char *text = NULL;
     size_t n = 0;
@@ -52,16 +51,17 @@ static int run(struct ls_command_context *context, int argc, char **argv)
     enum ls_err err = ls_plan_text_read(path, custom, false, &text, &n, &context->diag);
     if (err)
         return ls_command_failed(context, err);
-    int code = ls_command_call(context, LS_MESSAGE_PREFLIGHT, &body.base, text, n, &reply);
+    int code = ls_command_open(context);
+    if (!code)
+        code = ls_command_answered(
+            context, lightstage_preflight(context->stage, text, &cost, &context->error));
     free(text);
-    if (code)
-        return code;
-    if (context->json)
-        print_json((const Lightstage__PreflightReply *)reply.message);
-    else
-        print_text((const Lightstage__PreflightReply *)reply.message);
-    ls_reply_finish(&reply);
-    return LS_EXIT_OK;
+    if (!code && context->json)
+        print_json(cost);
+    else if (!code)
+        print_text(cost);
+    lightstage_preflight_free(cost);
+    return code;
 }
 
 const struct ls_command ls_command_preflight = {

@@ -86,37 +86,32 @@ static float linear(uint8_t code)
     return (float)(v <= 0.04045 ? v / 12.92 : pow((v + 0.055) / 1.055, 2.4));
 }
 
-static enum ls_err write_picture(const char *path, const Lightstage__PreviewReply *p,
-                                 const uint8_t *rgb, struct ls_diag *diag)
+static enum ls_err write_picture(const char *path, const struct lightstage_view *p,
+                                 struct ls_diag *diag)
 {
     size_t n = (size_t)p->width * p->height * 3;
     LS_CLEANUP_FREE float *pixels = malloc(n * sizeof *pixels + 1);
     if (!pixels)
         return ls_fail(diag, LS_ERR_NOMEM, "out of memory");
     for (size_t i = 0; i < n; i++)
-        pixels[i] = linear(rgb[i]);
+        pixels[i] = linear(p->rgb[i]);
     const struct ls_image image = {
         .width = p->width, .height = p->height, .n_channels = 3, .pixels = pixels};
     return ls_picture_file_png(path, &image, 1, NULL, diag);
 }
 
 static int save(struct ls_command_context *context, const struct options *o,
-                const struct ls_reply *reply, uint32_t number)
+                const struct lightstage_view *p, uint32_t number)
 {
-    const Lightstage__PreviewReply *p = (const Lightstage__PreviewReply *)reply->message;
     if (!o->output)
         return LS_EXIT_OK;
-    if ((uint64_t)p->width * p->height * 3 != reply->payload_bytes)
-        return ls_command_failed(context, ls_fail(&context->diag, LS_ERR_MISMATCH,
-                                                  "a picture of %ux%u has %zu bytes", p->width,
-                                                  p->height, reply->payload_bytes));
     LS_CLEANUP_FREE char *path = ls_name_numbered(o->output, number);
-    enum ls_err err = path ? write_picture(path, p, reply->payload, &context->diag)
+    enum ls_err err = path ? write_picture(path, p, &context->diag)
                            : ls_fail(&context->diag, LS_ERR_NOMEM, "out of memory");
     return err ? ls_command_wrong("%s", context->diag.text) : LS_EXIT_OK;
 }
 
-static void print_json(const Lightstage__PreviewReply *p, uint32_t number)
+static void print_json(const struct lightstage_view *p, uint32_t number)
 {
     json_t *clip = json_array();
     for (size_t i = 0; i < p->n_clip; i++)
@@ -129,7 +124,7 @@ static void print_json(const Lightstage__PreviewReply *p, uint32_t number)
     puts(text ? text : "{}");
 }
 
-static void print_text(const Lightstage__PreviewReply *p, uint32_t number)
+static void print_text(const struct lightstage_view *p, uint32_t number)
 {
     static const char *const colours[] = {"R", "G", "B"};
     printf("%6" PRIu32 "  focus %9.6f  clip", number, p->focus);
@@ -140,46 +135,53 @@ static void print_text(const Lightstage__PreviewReply *p, uint32_t number)
 
 /* ---- the command ---- */
 
-static int look(struct ls_command_context *context, const struct options *o, uint32_t request)
+struct looking {
+    struct ls_command_context *context;
+    const struct options *options;
+    uint32_t seen;
+    int code;
+};
+
+static int look(const struct lightstage_view *view, void *user)
 {
-    int code = LS_EXIT_OK;
-    for (uint32_t number = 1; !code && (!o->frames || number <= o->frames); number++) {
-        struct ls_reply reply;
-        enum ls_err err =
-            ls_connection_receive(context->connection, request, &reply, &context->diag);
-        if (err)
-            return ls_command_failed(context, err);
-        if (context->json)
-            print_json((const Lightstage__PreviewReply *)reply.message, number);
-        else
-            print_text((const Lightstage__PreviewReply *)reply.message, number);
-        fflush(stdout);
-        code = save(context, o, &reply, number);
-        ls_reply_finish(&reply);
-    }
-    return code;
+    struct looking *looking = user;
+    uint32_t number = ++looking->seen;
+    if (looking->context->json)
+        print_json(view, number);
+    else
+        print_text(view, number);
+    fflush(stdout);
+    looking->code = save(looking->context, looking->options, view, number);
+    return looking->code || number == looking->options->frames;
 }
 
 static int run(struct ls_command_context *context, int argc, char **argv)
 {
-    Lightstage__Preview body = LIGHTSTAGE__PREVIEW__INIT;
     struct options o;
-    uint32_t request;
+    struct looking looking = {.context = context, .options = &o};
+    uint32_t request = 0;
     int code = parse(context, argc, argv, &o);
     if (!code)
-        code = ls_command_connect(context);
+        code = ls_command_open(context);
     if (code)
         return code;
-    body.camera = o.camera;
-    body.exposure_us = o.exposure_us;
-    body.channel = o.light ? (char *)o.light : body.channel;
-    body.level = o.level;
-    enum ls_err err = ls_connection_send(context->connection, LS_MESSAGE_PREVIEW, &body.base, NULL,
-                                         0, &request, &context->diag);
-    if (!err && !o.exposure_us && !context->json)
+    const struct lightstage_preview preview = {.size = sizeof preview,
+                                               .exposure_us = o.exposure_us,
+                                               .channel = o.light,
+                                               .level = o.level,
+                                               .camera = o.camera};
+    code =
+        ls_command_answered(context, lightstage_preview_begin(context->stage, &preview, look,
+                                                              &looking, &request, &context->error));
+    if (code)
+        return code;
+    if (!o.exposure_us && !context->json)
         fputs("waiting for frames of a take; --exposure US shows what a camera sees without one\n",
               stderr);
-    return err ? ls_command_failed(context, err) : look(context, &o, request);
+    uint32_t number = lightstage_wait(context->stage, request, &context->error);
+    if (looking.code || (o.frames && looking.seen == o.frames))
+        return looking.code;
+    return ls_command_answered(context, number);
 }
 
 const struct ls_command ls_command_preview = {

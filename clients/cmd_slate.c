@@ -11,7 +11,6 @@ struct changes {
     const char *slate, *scene, *timecode, *notes;
     long number;
     int circled;
-    bool any;
 };
 
 static bool parse_number(const char *text, long *out)
@@ -23,7 +22,6 @@ static bool parse_number(const char *text, long *out)
 
 static bool take_option(struct changes *c, int option)
 {
-    c->any = true;
     switch (option) {
     case SLATE:
         c->slate = optarg;
@@ -70,32 +68,17 @@ static bool parse(struct ls_command_context *context, int argc, char **argv, str
     return ls_command_arguments(&ls_command_take_slate, argc, 1);
 }
 
-/* Of a text that changes; the daemon keeps the others as they are. */
-static char *text_of(const char *text, uint32_t field, Lightstage__TakeSlate *body)
+/* Those of enum lightstage_slate_field that change; the daemon keeps the others as they are. */
+static uint32_t fields_of(const struct changes *c)
 {
-    if (text)
-        body->fields[body->n_fields++] = field;
-    return (char *)(text ? text : "");
+    return (c->slate ? LIGHTSTAGE_SLATE : 0u) | (c->scene ? LIGHTSTAGE_SLATE_SCENE : 0u) |
+           (c->timecode ? LIGHTSTAGE_SLATE_TIMECODE : 0u) |
+           (c->notes ? LIGHTSTAGE_SLATE_NOTES : 0u) |
+           (c->number >= 0 ? LIGHTSTAGE_SLATE_TAKE : 0u) |
+           (c->circled >= 0 ? LIGHTSTAGE_SLATE_CIRCLED : 0u);
 }
 
-static void apply(const struct changes *c, Lightstage__Slate *slate, Lightstage__TakeSlate *body)
-{
-    slate->slate = text_of(c->slate, 1, body);
-    slate->scene = text_of(c->scene, 2, body);
-    slate->timecode = text_of(c->timecode, 5, body);
-    slate->notes = text_of(c->notes, 6, body);
-    if (c->number >= 0) {
-        slate->take = (uint32_t)c->number;
-        body->fields[body->n_fields++] = 3;
-    }
-    if (c->circled >= 0) {
-        slate->circled = c->circled;
-        body->fields[body->n_fields++] = 4;
-    }
-    body->write = slate;
-}
-
-static void print(struct ls_command_context *context, const Lightstage__Slate *s)
+static void print(struct ls_command_context *context, const struct lightstage_slate *s)
 {
     if (context->json) {
         ls_command_print_json(json_pack("{ss ss sI sb ss ss}", "slate", s->slate, "scene", s->scene,
@@ -103,10 +86,10 @@ static void print(struct ls_command_context *context, const Lightstage__Slate *s
                                         "timecode", s->timecode, "notes", s->notes));
         return;
     }
-    printf("slate     %s\nscene     %s\ntake      ", ls_clean(s->slate), ls_clean(s->scene));
+    ls_say("slate     %s\nscene     %s\ntake      ", s->slate, s->scene);
     if (s->take)
         printf("%u", s->take);
-    printf("%s\ntimecode  %s\nnotes     ", s->circled ? " (circled)" : "", ls_clean(s->timecode));
+    ls_say("%s\ntimecode  %s\nnotes     ", s->circled ? " (circled)" : "", s->timecode);
     for (const char *c = s->notes; *c; c++) /* the daemon lets no other control character in */
         if (*c == '\n')
             printf("\n          ");
@@ -115,40 +98,41 @@ static void print(struct ls_command_context *context, const Lightstage__Slate *s
     putchar('\n');
 }
 
-static int call(struct ls_command_context *context, const Lightstage__TakeSlate *body,
-                struct ls_reply *reply)
+static uint32_t ask(struct ls_command_context *context, const char *take, const struct changes *c,
+                    struct lightstage_slate **is)
 {
-    int code = ls_command_call(context, LS_MESSAGE_TAKE_SLATE, &body->base, NULL, 0, reply);
-    if (code || ((const Lightstage__TakeSlateReply *)reply->message)->slate)
-        return code;
-    ls_reply_finish(reply);
-    ls_fail(&context->diag, LS_ERR_INVALID, "the daemon answered without a slate");
-    return ls_command_failed(context, LS_ERR_INVALID);
+    const struct lightstage_slate write = {
+        .size = sizeof write,
+        .slate = c->slate,
+        .scene = c->scene,
+        .timecode = c->timecode,
+        .notes = c->notes,
+        .take = c->number >= 0 ? (uint32_t)c->number : 0,
+        .circled = c->circled > 0,
+    };
+    uint32_t fields = fields_of(c);
+    return fields ? lightstage_take_slate_write(context->stage, take, &write, fields, is,
+                                                &context->error)
+                  : lightstage_take_slate(context->stage, take, is, &context->error);
 }
 
 static int run_slate(struct ls_command_context *context, int argc, char **argv)
 {
     struct changes changes;
-    struct ls_reply reply;
-    uint32_t fields[6];
-    Lightstage__Slate slate = LIGHTSTAGE__SLATE__INIT;
-    Lightstage__TakeSlate body = LIGHTSTAGE__TAKE_SLATE__INIT;
+    struct lightstage_slate *is = NULL;
     if (!parse(context, argc, argv, &changes))
         return LS_EXIT_USAGE;
-    body.take = argv[optind];
-    body.fields = fields;
-    if (changes.any)
-        apply(&changes, &slate, &body);
-    int code = call(context, &body, &reply);
+    int code = ls_command_open(context);
+    if (!code)
+        code = ls_command_answered(context, ask(context, argv[optind], &changes, &is));
     if (code)
         return code;
-    const Lightstage__TakeSlateReply *is = (const Lightstage__TakeSlateReply *)reply.message;
-    print(context, is->slate);
+    print(context, is);
     if (is->damaged)
         fprintf(stderr, "lightstagectl: the slate was damaged and is empty but for this change; "
                         "what was there is slate.damaged.json in the take's folder\n");
-    ls_reply_finish(&reply);
-    return 0;
+    lightstage_slate_free(is);
+    return LS_EXIT_OK;
 }
 
 const struct ls_command ls_command_take_slate = {

@@ -48,43 +48,48 @@ static int parse(struct ls_command_context *context, const struct ls_command *co
     return -1;
 }
 
-static int print_started(struct ls_command_context *context, const struct ls_reply *reply,
-                         const char *token)
+static void print_started(struct ls_command_context *context,
+                          const struct lightstage_started *started, const char *token)
 {
-    const Lightstage__TakeStartReply *started = (const Lightstage__TakeStartReply *)reply->message;
-    const char *id = started->take ? started->take->id : "";
+    const char *id = started->take->id;
     if (context->json)
         ls_command_print_json(
             json_pack("{ss ss sb}", "token", token, "id", id, "already", started->already));
     else
         printf("%s%s%s, token %s\n", started->already ? "started before" : "started",
                id[0] ? ": " : "", id, token);
-    return LS_EXIT_OK;
 }
 
-static int start(struct ls_command_context *context, uint16_t type, const ProtobufCMessage *body,
-                 const char *plan, size_t plan_bytes, const struct options *options)
+/* By a plan, or of what the take lacks. */
+static int start(struct ls_command_context *context, const char *plan,
+                 const struct options *options)
 {
-    struct ls_reply reply;
+    struct lightstage_started *started = NULL;
+    int code = ls_command_open(context);
+    if (code)
+        return code;
     ls_take_follow_signals();
-    int code = ls_command_call(context, type, body, plan, plan_bytes, &reply);
-    if (code == LS_EXIT_UNREACHABLE && context->connection)
+    code = ls_command_answered(
+        context, plan ? lightstage_take_start(context->stage, options->name, options->token, plan,
+                                              &started, &context->error)
+                      : lightstage_take_resume(context->stage, options->take, options->token,
+                                               &started, &context->error));
+    if (code == LS_EXIT_UNREACHABLE)
         fprintf(stderr,
                 "lightstagectl: whether the take has started is not known; the same command with "
                 "--token %s starts it at most once\n",
                 options->token);
-    if (code)
-        return code;
-    if (options->no_wait)
-        code = print_started(context, &reply, options->token);
-    ls_reply_finish(&reply);
-    return options->no_wait ? code : ls_take_follow(context, options->token);
+    if (!code && options->no_wait)
+        print_started(context, started, options->token);
+    else if (!code)
+        code = ls_take_follow(context, options->token);
+    lightstage_started_free(started);
+    return code;
 }
 
 static int run_start(struct ls_command_context *context, int argc, char **argv)
 {
     struct options options = {.name = "take"};
-    Lightstage__TakeStart body = LIGHTSTAGE__TAKE_START__INIT;
     char *text = NULL;
     size_t n = 0;
     int code = parse(context, &ls_command_take_start, argc, argv, &options);
@@ -96,9 +101,7 @@ static int run_start(struct ls_command_context *context, int argc, char **argv)
         ls_plan_text_read(options.plan, options.custom, options.sweep, &text, &n, &context->diag);
     if (err)
         return ls_command_failed(context, err);
-    body.name = (char *)options.name;
-    body.token = options.token;
-    code = start(context, LS_MESSAGE_TAKE_START, &body.base, text, n, &options);
+    code = start(context, text, &options);
     free(text);
     return code;
 }
@@ -106,15 +109,13 @@ static int run_start(struct ls_command_context *context, int argc, char **argv)
 static int run_resume(struct ls_command_context *context, int argc, char **argv)
 {
     struct options options = {0};
-    Lightstage__TakeResume body = LIGHTSTAGE__TAKE_RESUME__INIT;
     int code = parse(context, &ls_command_take_resume, argc, argv, &options);
     if (code >= 0 || !ls_command_arguments(&ls_command_take_resume, argc, 1))
         return LS_EXIT_USAGE;
     if (options.plan || options.custom || options.sweep || options.name)
         return ls_command_wrong("take resume: the plan and the name are those of the take");
-    body.take = argv[optind];
-    body.token = options.token;
-    return start(context, LS_MESSAGE_TAKE_RESUME, &body.base, NULL, 0, &options);
+    options.take = argv[optind];
+    return start(context, NULL, &options);
 }
 
 const struct ls_command ls_command_take_start = {

@@ -5,6 +5,7 @@
 #include <errno.h>
 #include <fcntl.h>
 #include <limits.h>
+#include <poll.h>
 #include <signal.h>
 #include <stdarg.h>
 #include <stdio.h>
@@ -115,13 +116,26 @@ const char *ls_clean(char *text)
     return text;
 }
 
+void ls_say(const char *fmt, ...)
+{
+    va_list args;
+    char *text = NULL;
+    va_start(args, fmt);
+    int n = vasprintf(&text, fmt, args);
+    va_end(args);
+    fputs(n < 0 ? "out of memory\n" : ls_clean(text), stdout);
+    if (n >= 0)
+        free(text);
+}
+
 int ls_command_failed(struct ls_command_context *context, enum ls_err err)
 {
     uint32_t number = context->connection ? ls_connection_error(context->connection) : 0;
+    number = number ? number : context->error.number;
     ls_clean(context->diag.text);
-    if (err == LS_ERR_REFUSED && number) {
+    if (err == LS_ERR_REFUSED && number >= 100) {
         fprintf(stderr, "lightstagectl: %s (%u %s)\n", context->diag.text, number,
-                ls_proto_error_name(number));
+                lightstage_error_name(number));
         return exit_of_number(number);
     }
     fprintf(stderr, "lightstagectl: %s\n",
@@ -147,6 +161,67 @@ int ls_command_connect(struct ls_command_context *context)
     }
     ls_connection_let_in(context->connection, SIGINT); /* blocked elsewhere: take_follow.c */
     return LS_EXIT_OK;
+}
+
+int ls_command_open(struct ls_command_context *context)
+{
+    const struct ls_remote *remote = &context->remote;
+    const struct lightstage_address address = {
+        .size = sizeof address,
+        .where = remote->url ? remote->url : context->socket_path,
+        .certificate = remote->certificate,
+        .key = remote->key,
+        .authority = remote->authority,
+    };
+    if (context->stage)
+        return LS_EXIT_OK;
+    if (remote->url && strncmp(remote->url, "tls://", 6) != 0) {
+        ls_command_wrong("--server %s: expected tls://HOST:PORT", remote->url);
+        return LS_EXIT_UNREACHABLE;
+    }
+    if (!lightstage_connect(&address, &context->stage, &context->error))
+        return LS_EXIT_OK;
+    ls_clean(context->error.text);
+    ls_command_wrong("%s", context->error.text);
+    return LS_EXIT_UNREACHABLE;
+}
+
+enum ls_err ls_command_said(struct ls_command_context *context, uint32_t number)
+{
+    static const enum ls_err own[] = {
+        [LIGHTSTAGE_UNREACHABLE] = LS_ERR_NOT_FOUND, [LIGHTSTAGE_LOST] = LS_ERR_GONE,
+        [LIGHTSTAGE_NO_MEMORY] = LS_ERR_NOMEM,       [LIGHTSTAGE_UNTRUSTED] = LS_ERR_REFUSED,
+        [LIGHTSTAGE_STRANGE] = LS_ERR_INVALID,
+    };
+    if (!number)
+        return LS_OK;
+    return ls_fail(&context->diag, number < sizeof own / sizeof *own ? own[number] : LS_ERR_REFUSED,
+                   "%s", context->error.text);
+}
+
+int ls_command_answered(struct ls_command_context *context, uint32_t number)
+{
+    enum ls_err err = ls_command_said(context, number);
+    return err ? ls_command_failed(context, err) : LS_EXIT_OK;
+}
+
+static bool interrupted(const struct ls_command_context *context)
+{
+    struct pollfd wait = {.fd = lightstage_descriptor(context->stage), .events = POLLIN};
+    sigset_t mask;
+    sigprocmask(SIG_SETMASK, NULL, &mask);
+    sigdelset(&mask, SIGINT);
+    return ppoll(&wait, 1, NULL, &mask) < 0 && errno == EINTR;
+}
+
+enum ls_err ls_command_wait(struct ls_command_context *context, uint32_t request)
+{
+    while (!lightstage_has_ended(context->stage, request)) {
+        if (interrupted(context))
+            return ls_fail(&context->diag, LS_ERR_ABORTED, "interrupted");
+        (void)lightstage_dispatch(context->stage, NULL); /* a loss ends every request */
+    }
+    return ls_command_said(context, lightstage_wait(context->stage, request, &context->error));
 }
 
 int ls_command_call(struct ls_command_context *context, uint16_t type, const ProtobufCMessage *body,

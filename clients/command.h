@@ -6,6 +6,7 @@
 #define LS_CLIENTS_COMMAND_H
 
 #include "clients/connection.h"
+#include "clients/lightstage.h"
 #include "core/error.h"
 
 #include <getopt.h>
@@ -32,6 +33,8 @@ struct ls_command_context {
     bool json;
     bool quiet; /* takes are part of something longer: what they come to goes to standard error */
     struct ls_connection *connection; /* NULL until ls_command_connect */
+    struct lightstage *stage;         /* NULL until ls_command_open */
+    struct lightstage_error error;    /* what a call of the library said last */
     struct ls_diag diag;
 };
 
@@ -99,6 +102,22 @@ int ls_command_connect(struct ls_command_context *context);
 /** Print context->diag and return the exit code for a failed call. */
 int ls_command_failed(struct ls_command_context *context, enum ls_err err);
 
+/** Connect context->stage if that has not been done. LS_EXIT_OK, or the sentence printed and its
+ * exit code. */
+int ls_command_open(struct ls_command_context *context);
+
+/** What the library said, with @number and context->error, as an error with its sentence in
+ * context->diag. The daemon's numbers are LS_ERR_REFUSED. */
+LS_MUST_CHECK enum ls_err ls_command_said(struct ls_command_context *context, uint32_t number);
+
+/** The same for a command that has no more to do: LS_EXIT_OK, or printed and its exit code. */
+int ls_command_answered(struct ls_command_context *context, uint32_t number);
+
+/** Wait for the end of @request, and how it ended. LS_ERR_ABORTED: a SIGINT arrived, which comes in
+ * here even where it is blocked, so that a program that blocks it everywhere else cannot miss one;
+ * nothing is lost, call again. */
+LS_MUST_CHECK enum ls_err ls_command_wait(struct ls_command_context *context, uint32_t request);
+
 /** One request, one answer. LS_EXIT_OK, or printed and its exit code. Finish @reply. */
 int ls_command_call(struct ls_command_context *context, uint16_t type, const ProtobufCMessage *body,
                     const void *payload, size_t payload_bytes, struct ls_reply *reply);
@@ -106,7 +125,9 @@ int ls_command_call(struct ls_command_context *context, uint16_t type, const Pro
 /** Print @object (transfer full) as indented JSON on stdout. */
 void ls_command_print_json(json_t *object);
 
-/** printf to stdout; text from the daemon goes through ls_clean first. */
+/** printf to stdout, for text from the daemon: control characters but line ends become '?'. */
+void ls_say(const char *fmt, ...) LS_PRINTF(1, 2);
+
 const char *ls_clean(char *text);
 
 /** Read a whole file of at most @limit bytes. *bytes: (transfer full), NUL-terminated. */

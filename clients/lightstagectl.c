@@ -113,6 +113,7 @@ static int command_line(int argc, char **argv)
     }
     int code = run(&context, argc - optind, argv + optind);
     ls_connection_close(context.connection);
+    lightstage_close(context.stage);
     return code;
 }
 

@@ -51,7 +51,7 @@ static void put_take(FILE *out, const char *state, uint64_t n)
     fprintf(out, "lightstage_takes_total{state=\"%s\"} %" PRIu64 "\n", state, n);
 }
 
-static void put_daemon(FILE *out, const Lightstage__MetricsReply *m)
+static void put_daemon(FILE *out, const struct lightstage_metrics *m)
 {
     put_head(out, "takes_total", "counter", "Takes that ended, by how.");
     put_take(out, "complete", m->takes_complete);
@@ -75,10 +75,10 @@ static void put_daemon(FILE *out, const Lightstage__MetricsReply *m)
 
 struct counter {
     const char *metric, *help;
-    size_t offset; /* of a uint64_t in CameraMetrics */
+    size_t offset; /* of a uint64_t in lightstage_camera_metrics */
 };
 
-static void put_counter(FILE *out, const Lightstage__MetricsReply *m, const struct counter *c)
+static void put_counter(FILE *out, const struct lightstage_metrics *m, const struct counter *c)
 {
     put_head(out, c->metric, "counter", c->help);
     for (size_t i = 0; i < m->n_cameras; i++) {
@@ -89,28 +89,28 @@ static void put_counter(FILE *out, const Lightstage__MetricsReply *m, const stru
     }
 }
 
-static void put_counters(FILE *out, const Lightstage__MetricsReply *m)
+static void put_counters(FILE *out, const struct lightstage_metrics *m)
 {
     static const struct counter counters[] = {
         {"frames_bound_total", "Frames bound to the pulse they show.",
-         offsetof(Lightstage__CameraMetrics, frames_bound)},
+         offsetof(struct lightstage_camera_metrics, frames_bound)},
         {"shots_lost_total", "Shots fired without a usable frame.",
-         offsetof(Lightstage__CameraMetrics, shots_lost)},
+         offsetof(struct lightstage_camera_metrics, shots_lost)},
         {"shots_repaired_total", "Lost shots that were shot again and had.",
-         offsetof(Lightstage__CameraMetrics, shots_repaired)},
+         offsetof(struct lightstage_camera_metrics, shots_repaired)},
         {"settling_pulses_total", "Dark pulses after an exposure was written.",
-         offsetof(Lightstage__CameraMetrics, settling_pulses)},
+         offsetof(struct lightstage_camera_metrics, settling_pulses)},
         {"packets_resent_total", "Packets lost on the network and sent again.",
-         offsetof(Lightstage__CameraMetrics, packets_resent)},
+         offsetof(struct lightstage_camera_metrics, packets_resent)},
         {"underruns_total", "Packets or frames for which no buffer was free.",
-         offsetof(Lightstage__CameraMetrics, underruns)},
+         offsetof(struct lightstage_camera_metrics, underruns)},
     };
     for (size_t i = 0; i < sizeof counters / sizeof *counters; i++)
         put_counter(out, m, &counters[i]);
 }
 
 static void put_reasons(FILE *out, const char *metric, const char *camera,
-                        Lightstage__ReasonCount *const *reasons, size_t n)
+                        const struct lightstage_reason *const *reasons, size_t n)
 {
     for (size_t i = 0; i < n; i++) {
         put_name(out, metric, camera);
@@ -119,7 +119,7 @@ static void put_reasons(FILE *out, const char *metric, const char *camera,
     }
 }
 
-static void put_losses(FILE *out, const Lightstage__MetricsReply *m)
+static void put_losses(FILE *out, const struct lightstage_metrics *m)
 {
     put_head(out, "frames_discarded_total", "counter", "Frames that were not used, by reason.");
     for (size_t i = 0; i < m->n_cameras; i++)
@@ -134,7 +134,7 @@ static void put_losses(FILE *out, const Lightstage__MetricsReply *m)
 /* ---- latencies ---- */
 
 /* `below` counts times shorter than a power of two; the format's border belongs to the bucket. */
-static void put_buckets(FILE *out, const char *camera, const Lightstage__Latency *l)
+static void put_buckets(FILE *out, const char *camera, const struct lightstage_latency *l)
 {
     static const char metric[] = "latency_seconds_bucket";
     char border[32];
@@ -157,7 +157,7 @@ static void put_buckets(FILE *out, const char *camera, const Lightstage__Latency
     fprintf(out, "} %" PRIu64 "\n", l->count);
 }
 
-static void put_quantile(FILE *out, const char *camera, const Lightstage__Latency *l,
+static void put_quantile(FILE *out, const char *camera, const struct lightstage_latency *l,
                          const char *quantile, uint64_t ns)
 {
     put_name(out, "latency_quantile_seconds", camera);
@@ -166,7 +166,7 @@ static void put_quantile(FILE *out, const char *camera, const Lightstage__Latenc
     fprintf(out, "} %.9f\n", (double)ns * 1e-9);
 }
 
-static void put_latencies(FILE *out, const Lightstage__MetricsReply *m)
+static void put_latencies(FILE *out, const struct lightstage_metrics *m)
 {
     put_head(out, "latency_seconds", "histogram",
              "Pulse to frame, last frame to merged, merged to stored, and in total.");
@@ -177,14 +177,14 @@ static void put_latencies(FILE *out, const Lightstage__MetricsReply *m)
              "The same since the daemon started: median, 99 %, largest; to 1.6 %.");
     for (size_t i = 0; i < m->n_cameras; i++)
         for (size_t k = 0; k < m->cameras[i]->n_latencies; k++) {
-            const Lightstage__Latency *l = m->cameras[i]->latencies[k];
+            const struct lightstage_latency *l = m->cameras[i]->latencies[k];
             put_quantile(out, m->cameras[i]->name, l, "0.5", l->p50_ns);
             put_quantile(out, m->cameras[i]->name, l, "0.99", l->p99_ns);
             put_quantile(out, m->cameras[i]->name, l, "1", l->max_ns);
         }
 }
 
-char *ls_prometheus_text(const Lightstage__MetricsReply *metrics, size_t *n)
+char *ls_prometheus_text(const struct lightstage_metrics *metrics, size_t *n)
 {
     char *text = NULL;
     FILE *out = open_memstream(&text, n);

@@ -6,12 +6,12 @@
 #ifndef LS_CLIENTS_PROMETHEUS_H
 #define LS_CLIENTS_PROMETHEUS_H
 
-#include "proto/lightstage.pb-c.h"
+#include "clients/lightstage.h"
 
 #include <stddef.h>
 
 /** Cumulative counters, latencies as histograms in seconds, their quantiles as gauges. (transfer
  * full, free), NUL-terminated; NULL: out of memory. */
-char *ls_prometheus_text(const Lightstage__MetricsReply *metrics, size_t *n);
+char *ls_prometheus_text(const struct lightstage_metrics *metrics, size_t *n);
 
 #endif

@@ -26,8 +26,7 @@ void ls_take_follow_signals(void)
     sigaction(SIGINT, &action, NULL);
     sigemptyset(&block);
     sigaddset(&block, SIGINT);
-    sigprocmask(SIG_BLOCK, &block, NULL); /* it arrives while the connection waits, only there:
-                                           * command.c */
+    sigprocmask(SIG_BLOCK, &block, NULL); /* it arrives in ls_command_wait, only there */
 }
 
 bool ls_take_token(char token[64])
@@ -50,7 +49,7 @@ static unsigned columns(void)
     return size.ws_col;
 }
 
-static void left_text(const Lightstage__Progress *p, char *out, size_t n)
+static void left_text(const struct lightstage_take_status *p, char *out, size_t n)
 {
     unsigned left = p->steps_planned > p->steps_bound ? p->steps_planned - p->steps_bound : 0;
     double seconds = p->frames_per_second > 0.1 ? left / p->frames_per_second : -1;
@@ -60,19 +59,18 @@ static void left_text(const Lightstage__Progress *p, char *out, size_t n)
         snprintf(out, n, "%d:%02d left", (int)(seconds + 0.5) / 60, (int)(seconds + 0.5) % 60);
 }
 
-static void draw(const Lightstage__TakeStatus *status, bool aborting)
+static void draw(const struct lightstage_take_status *p, bool aborting)
 {
-    const Lightstage__Progress *p = status->progress;
     char numbers[128], left[32], bar[64];
     unsigned width = columns() > 70 ? columns() - 62 : 8;
-    if (!p || p->steps_planned == 0) {
+    if (p->steps_planned == 0) {
         fprintf(stderr, "\r%s ...\033[K", aborting ? "aborting" : "preparing");
         return;
     }
     left_text(p, left, sizeof left);
     snprintf(numbers, sizeof numbers, "%u/%u  %.1f/s  lost %u%s  %s", p->steps_bound,
-             p->steps_planned, p->frames_per_second, p->shots_lost,
-             status->drift && status->drift->alarm ? "  DRIFT" : "", left);
+             p->steps_planned, p->frames_per_second, p->shots_lost, p->drift_alarm ? "  DRIFT" : "",
+             left);
     width = width < sizeof bar ? width : (unsigned)sizeof bar - 1;
     double share = (double)p->steps_bound / p->steps_planned;
     unsigned full = share < 1 ? (unsigned)(share * width) : width;
@@ -84,15 +82,14 @@ static void draw(const Lightstage__TakeStatus *status, bool aborting)
 
 /* ---- following ---- */
 
-static int send_abort(struct ls_command_context *context)
-{
-    Lightstage__TakeAbort body = LIGHTSTAGE__TAKE_ABORT__INIT;
-    uint32_t request;
-    return ls_connection_send(context->connection, LS_MESSAGE_TAKE_ABORT, &body.base, NULL, 0,
-                              &request, &context->diag) == LS_OK;
-}
+struct following {
+    struct ls_command_context *context;
+    bool aborting, terminal;
+    int code; /* to leave with; -1: it goes on */
+};
 
-static int print_end(struct ls_command_context *context, const Lightstage__TakeStatus *status)
+static int print_end(struct ls_command_context *context,
+                     const struct lightstage_take_status *status)
 {
     if (context->json && !context->quiet)
         ls_command_print_json(ls_take_status_json(status));
@@ -103,7 +100,21 @@ static int print_end(struct ls_command_context *context, const Lightstage__TakeS
                 status->message[0] ? ": " : "", status->message);
     if (interrupts > 0)
         return LS_EXIT_INTERRUPTED;
-    return status->state == LIGHTSTAGE__TAKE_STATE__COMPLETE ? LS_EXIT_OK : LS_EXIT_NO;
+    return status->state == LIGHTSTAGE_TAKE_COMPLETE ? LS_EXIT_OK : LS_EXIT_NO;
+}
+
+static int show(const struct lightstage_take_status *status, void *user)
+{
+    struct following *following = user;
+    bool ended =
+        status->state != LIGHTSTAGE_TAKE_PREPARING && status->state != LIGHTSTAGE_TAKE_RUNNING;
+    if (following->terminal) {
+        draw(status, following->aborting);
+        fputs(ended ? "\n" : "", stderr);
+    }
+    if (ended)
+        following->code = print_end(following->context, status);
+    return 0;
 }
 
 static int lost(struct ls_command_context *context, const char *token)
@@ -116,59 +127,47 @@ static int lost(struct ls_command_context *context, const char *token)
 }
 
 /* What a signal asks for. Returns an exit code, or -1 to go on. */
-static int heed_interrupt(struct ls_command_context *context, bool *aborting)
+static int heed_interrupt(struct following *following)
 {
+    uint32_t request;
     if (interrupts >= 2) {
         fputs("\nlightstagectl: leaving; the daemon finishes aborting the take\n", stderr);
         return LS_EXIT_INTERRUPTED;
     }
-    if (interrupts == 1 && !*aborting) {
-        *aborting = true;
+    if (interrupts == 1 && !following->aborting) {
+        following->aborting = true;
         fputs("\naborting; waiting for the lights to be dark (Ctrl-C again leaves at once)\n",
               stderr);
-        send_abort(context);
+        (void)lightstage_take_abort_begin(following->context->stage, &request, NULL);
     }
     return -1;
 }
 
-static int follow(struct ls_command_context *context, uint32_t request, const char *token)
+static enum ls_err follow(struct following *following, const char *token)
 {
-    bool aborting = false, terminal = isatty(STDERR_FILENO);
-    for (;;) {
-        struct ls_reply reply;
-        int code = heed_interrupt(context, &aborting);
-        if (code >= 0)
-            return code;
-        enum ls_err err =
-            ls_connection_receive(context->connection, request, &reply, &context->diag);
-        if (err == LS_ERR_ABORTED)
-            continue;
-        if (err && terminal)
-            fputc('\n', stderr);
-        if (err == LS_ERR_GONE)
-            return lost(context, token);
-        if (err)
-            return ls_command_failed(context, err);
-        const Lightstage__TakeStatus *status = (const Lightstage__TakeStatus *)reply.message;
-        if (terminal)
-            draw(status, aborting);
-        if (reply.last) {
-            if (terminal)
-                fputc('\n', stderr);
-            code = print_end(context, status);
-        }
-        ls_reply_finish(&reply);
-        if (code >= 0)
-            return code;
-    }
+    struct ls_command_context *context = following->context;
+    uint32_t request = 0;
+    enum ls_err err = ls_command_said(
+        context, lightstage_take_progress_begin(context->stage, token, show, following, &request,
+                                                &context->error));
+    if (err)
+        return err;
+    do {
+        following->code = heed_interrupt(following);
+        err = following->code < 0 ? ls_command_wait(context, request) : LS_OK;
+    } while (err == LS_ERR_ABORTED);
+    return err;
 }
 
 int ls_take_follow(struct ls_command_context *context, const char *token)
 {
-    Lightstage__TakeProgress body = LIGHTSTAGE__TAKE_PROGRESS__INIT;
-    uint32_t request = 0;
-    body.token = (char *)token;
-    enum ls_err err = ls_connection_send(context->connection, LS_MESSAGE_TAKE_PROGRESS, &body.base,
-                                         NULL, 0, &request, &context->diag);
-    return err ? ls_command_failed(context, err) : follow(context, request, token);
+    struct following following = {.context = context, .terminal = isatty(STDERR_FILENO)};
+    enum ls_err err = follow(&following, token);
+    if (err && following.terminal)
+        fputc('\n', stderr);
+    if (err == LS_ERR_GONE)
+        return lost(context, token);
+    if (err)
+        return ls_command_failed(context, err);
+    return following.code < 0 ? LS_EXIT_NO : following.code; /* -1: it ended without an end */
 }

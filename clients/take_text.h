@@ -5,16 +5,16 @@
 #ifndef LS_CLIENTS_TAKE_TEXT_H
 #define LS_CLIENTS_TAKE_TEXT_H
 
-#include "proto/lightstage.pb-c.h"
+#include "clients/lightstage.h"
 
 #include <jansson.h>
 
 /** "running", "complete", ... Never NULL. */
-const char *ls_take_state_word(Lightstage__TakeState state);
+const char *ls_take_state_word(enum lightstage_take_state state);
 
-json_t *ls_take_status_json(const Lightstage__TakeStatus *status);
+json_t *ls_take_status_json(const struct lightstage_take_status *status);
 
-/** A few lines on stdout. Cleans the strings of @status. */
-void ls_take_status_print(const Lightstage__TakeStatus *status);
+/** A few lines on stdout. */
+void ls_take_status_print(const struct lightstage_take_status *status);
 
 #endif
