@@ -86,7 +86,9 @@ static void place(const struct job *job, uint32_t column, uint32_t row,
 
     for (int c = 0; c < 3; c++)
         line->plane[c] = t->half[0] ? (void *)(t->half[c] + at) : (void *)(t->plane[c] + at);
-    line->ratio = t->ratio ? t->ratio + row * t->ratio_step + 3 * (size_t)column : NULL;
+    size_t of_ratio = row * t->ratio_step + 3 * (size_t)column;
+    line->ratio = t->ratio ? t->ratio + of_ratio : NULL;
+    line->half_ratio = t->half_ratio ? t->half_ratio + of_ratio : NULL;
 }
 
 /* Columns [at, at + n) of the region. */
@@ -102,6 +104,8 @@ static void demosaic_strip(const struct job *job, uint32_t at, uint32_t n)
     line.form += is_woven(job->target);
     if (job->target->add)
         line.form = LS_DEMOSAIC_ADD;
+    if (job->target->half_ratio)
+        line.form = LS_DEMOSAIC_PROMOTED;
     for (uint32_t k = 0; k + 1 < ROWS; k++)
         load_row(job, x, n, (int64_t)r->y + k - HALO, ring[k]);
     for (uint32_t j = 0; j < r->height; j++) {
@@ -140,7 +144,9 @@ static bool is_clear(const struct ls_demosaic_source *s, const struct ls_demosai
     bool woven = t->half[0] ? t->half[1] == t->half[0] + 1 && t->half[2] == t->half[0] + 2
                             : t->plane[1] == t->plane[0] + 1 && t->plane[2] == t->plane[0] + 2;
     return !s->data != !s->half && !t->plane[0] != !t->half[0] &&
-           (!t->add || (t->plane[0] && is_woven(t))) && (is_woven(t) ? woven : t->pixel_step == 1);
+           (!t->add || (t->plane[0] && is_woven(t))) &&
+           (!t->half_ratio || (t->half[0] && is_woven(t))) &&
+           (is_woven(t) ? woven : t->pixel_step == 1);
 }
 
 enum ls_err ls_demosaic_with(enum ls_isa isa, const struct ls_demosaic_source *source,

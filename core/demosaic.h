@@ -58,14 +58,16 @@ struct ls_demosaic_source {
 /** Where RGB goes. Planar: plane[c], pixel_step 1. Interleaved: plane[c] = base + c,
  * pixel_step 3. As float, or as the nearest half (half[] in place of plane[], which is then NULL),
  * where what lies beyond half's range becomes +-65504. With @add, interleaved floats grow instead:
- * plane[c] += (scale rgb[c]) ratio[c]. */
+ * plane[c] += (scale rgb[c]) ratio[c]. With @half_ratio, interleaved halves are what core/factored
+ * makes of those halves: half[c] = scale rgb[c] half_ratio[c]. */
 struct ls_demosaic_target {
     float *plane[3];
     size_t pixel_step, row_step; /* in samples */
     uint16_t *half[3];
     bool add;
     float scale;
-    const float *ratio; /* interleaved, its rows ratio_step apart; NULL = 1 */
+    const float *ratio;         /* interleaved, its rows ratio_step apart; NULL = 1 */
+    const uint16_t *half_ratio; /* likewise */
     size_t ratio_step;
 };
 
@@ -78,7 +80,8 @@ struct ls_demosaic_region ls_demosaic_needs(struct ls_demosaic_region region, ui
  * Demosaic @region (image coordinates) of @source into @target, whose first pixel is that of the
  * region. Bit-identical to the same pixels of a demosaic of the whole image. LS_ERR_INVALID when
  * the region is not inside the image, the window does not hold what ls_demosaic_needs says, or
- * source or target is neither float nor half, or both, or adds to anything but interleaved floats.
+ * source or target is neither float nor half, or both, or adds to anything but interleaved floats,
+ * or promotes anything but interleaved halves.
  * Uses about 41 KiB of stack. RT-safe.
  */
 LS_MUST_CHECK enum ls_err ls_demosaic(const struct ls_demosaic_source *source,

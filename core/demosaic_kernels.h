@@ -29,7 +29,8 @@ enum ls_demosaic_form {
     LS_DEMOSAIC_WOVEN, /* r g b r g b .. from plane[0] on */
     LS_DEMOSAIC_HALF_PLANES,
     LS_DEMOSAIC_HALF_WOVEN,
-    LS_DEMOSAIC_ADD, /* woven: += (scale rgb) ratio */
+    LS_DEMOSAIC_ADD,      /* woven: += (scale rgb) ratio */
+    LS_DEMOSAIC_PROMOTED, /* woven halves: as core/promote_tile.h of them, scale and half_ratio */
 };
 
 /** A run of pixels of one row and the five rows around it. */
@@ -42,9 +43,10 @@ struct ls_demosaic_line {
     bool red_row;     /* the row's other pixels are red, else blue */
     enum ls_demosaic_filter filter;
     enum ls_demosaic_form form;
-    void *plane[3];     /* of the first pixel; n pixels are written, no more */
-    float scale;        /* of ADD */
-    const float *ratio; /* [n][3], or NULL = 1 */
+    void *plane[3];             /* of the first pixel; n pixels are written, no more */
+    float scale;                /* of ADD, PROMOTED */
+    const float *ratio;         /* of ADD, [n][3], or NULL = 1 */
+    const uint16_t *half_ratio; /* of PROMOTED, [n][3] */
 };
 
 struct ls_demosaic_kernels {

@@ -29,6 +29,7 @@
 
 #include "core/demosaic_kernels.h"
 #include "core/lanes.h"
+#include "core/promote_tile_lanes.h"
 
 /* The row's own colour (red or blue), green, and the colour of the rows between. */
 struct colours {
@@ -64,20 +65,24 @@ struct taps {
     floats c, v, x, hh, vv;
 };
 
+LANES_INLINE floats green_or(ints green, float a, float b)
+{
+    return lanes_select(green, lanes_all(a), lanes_all(b));
+}
+
 LANES_INLINE struct taps taps(bool green_first, bool gradient)
 {
-    struct taps t = {0};
-    for (int k = 0; k < LANES; k++) {
-        bool green = (k % 2 == 0) == green_first;
-        t.green[k] = green ? -1 : 0;
-        t.v[k] = green ? 0.5f : 0;
-        t.x[k] = green ? 0 : 0.25f;
-        if (!gradient)
-            continue;
-        t.c[k] = green ? 0.625f : 0.75f;
-        t.x[k] -= green ? 0.125f : 0;
-        t.hh[k] = green ? 0.0625f : -0.1875f;
-        t.vv[k] = green ? -0.125f : -0.1875f;
+    static const int32_t every_other[LS_DEMOSAIC_SLACK + 1] = {-1, 0,  -1, 0,  -1, 0,  -1, 0, -1,
+                                                               0,  -1, 0,  -1, 0,  -1, 0,  -1};
+    ints green;
+    memcpy(&green, every_other + !green_first, sizeof green);
+    struct taps t = {.green = green,
+                     .v = green_or(green, 0.5f, 0),
+                     .x = green_or(green, gradient ? -0.125f : 0, 0.25f)};
+    if (gradient) {
+        t.c = green_or(green, 0.625f, 0.75f);
+        t.hh = green_or(green, 0.0625f, -0.1875f);
+        t.vv = green_or(green, -0.125f, -0.1875f);
     }
     return t;
 }
@@ -132,6 +137,28 @@ LANES_INLINE void grow_rest(float *to, const float *ratio, float scale, size_t n
     memcpy(to, all[0], 3 * n * sizeof *to);
 }
 
+/* LANES pixels, promoted, to @to. */
+LANES_INLINE void promote(uint16_t *to, const uint16_t *ratio, float gain, floats r, floats g,
+                          floats b)
+{
+    halves woven[3];
+    ints finite;
+    lanes_weave_half(finite_half(r), finite_half(g), finite_half(b), woven);
+    for (int k = 0; k < 3; k++, to += LANES, ratio += LANES)
+        lanes_store_half(
+            to, promote_lanes(lanes_from_half(woven[k]) * gain, lanes_load_half(ratio), &finite));
+}
+
+/* The last pixels of a line, by way of a buffer. */
+LANES_INLINE void promote_rest(uint16_t *to, const uint16_t *ratio, float gain, size_t n, floats r,
+                               floats g, floats b)
+{
+    uint16_t all[2][3 * LANES] = {{0}};
+    memcpy(all[0], ratio, 3 * n * sizeof *ratio);
+    promote(all[1], all[0], gain, r, g, b);
+    memcpy(to, all[1], 3 * n * sizeof *to);
+}
+
 /* LANES pixels from pixel p of the planes on. */
 LANES_INLINE void put(void *const plane[3], size_t p, enum ls_demosaic_form form, floats r,
                       floats g, floats b)
@@ -155,6 +182,7 @@ LANES_INLINE void put(void *const plane[3], size_t p, enum ls_demosaic_form form
                                finite_half(b));
         return;
     case LS_DEMOSAIC_ADD: /* not here */
+    case LS_DEMOSAIC_PROMOTED:
         return;
     }
 }
@@ -189,6 +217,12 @@ LANES_INLINE void run_line(const struct ls_demosaic_line *line, enum ls_demosaic
             grow((float *)l.plane[0] + 3 * p, ratio, l.scale, red, c.green, blue);
         else if (form == LS_DEMOSAIC_ADD)
             grow_rest((float *)l.plane[0] + 3 * p, ratio, l.scale, l.n - p, red, c.green, blue);
+        else if (form == LS_DEMOSAIC_PROMOTED && l.n - p >= LANES)
+            promote((uint16_t *)l.plane[0] + 3 * p, l.half_ratio + 3 * p, l.scale, red, c.green,
+                    blue);
+        else if (form == LS_DEMOSAIC_PROMOTED)
+            promote_rest((uint16_t *)l.plane[0] + 3 * p, l.half_ratio + 3 * p, l.scale, l.n - p,
+                         red, c.green, blue);
         else if (l.n - p >= LANES)
             put(l.plane, p, form, red, c.green, blue);
         else
@@ -212,6 +246,9 @@ LANES_INLINE void run_line(const struct ls_demosaic_line *line, enum ls_demosaic
         return;                                        \
     case LS_DEMOSAIC_ADD:                              \
         run_line(line, kind, LS_DEMOSAIC_ADD);         \
+        return;                                        \
+    case LS_DEMOSAIC_PROMOTED:                         \
+        run_line(line, kind, LS_DEMOSAIC_PROMOTED);    \
         return;                                        \
     }
 

@@ -112,6 +112,11 @@ LANES_INLINE floats lanes_load_half(const uint16_t *p)
     return (floats)_mm512_cvtph_ps(_mm256_loadu_si256((const __m256i *)p));
 }
 
+LANES_INLINE floats lanes_from_half(halves v)
+{
+    return (floats)_mm512_cvtph_ps((__m256i)v);
+}
+
 LANES_INLINE halves lanes_to_half(floats v)
 {
     return (halves)_mm512_cvtps_ph((__m512)v, _MM_FROUND_TO_NEAREST_INT | _MM_FROUND_NO_EXC);
@@ -176,6 +181,11 @@ LANES_INLINE floats lanes_load_half(const uint16_t *p)
     return (floats)_mm256_cvtph_ps(_mm_loadu_si128((const __m128i *)p));
 }
 
+LANES_INLINE floats lanes_from_half(halves v)
+{
+    return (floats)_mm256_cvtph_ps((__m128i)v);
+}
+
 LANES_INLINE halves lanes_to_half(floats v)
 {
     return (halves)_mm256_cvtps_ph((__m256)v, _MM_FROUND_TO_NEAREST_INT);
@@ -230,6 +240,12 @@ LANES_INLINE floats lanes_load_half(const uint16_t *p)
 {
     return (floats){ls_half_to_float(p[0]), ls_half_to_float(p[1]), ls_half_to_float(p[2]),
                     ls_half_to_float(p[3])};
+}
+
+LANES_INLINE floats lanes_from_half(halves v)
+{
+    return (floats){ls_half_to_float(v[0]), ls_half_to_float(v[1]), ls_half_to_float(v[2]),
+                    ls_half_to_float(v[3])};
 }
 
 LANES_INLINE halves lanes_to_half(floats v)
@@ -289,14 +305,23 @@ LANES_INLINE void lanes_store_woven(float *p, floats r, floats g, floats b)
 {
     floats a[3];
     lanes_weave(r, g, b, a);
-    memcpy(p, a, sizeof a);
+    for (int k = 0; k < 3; k++) /* each from its register */
+        memcpy(p + k * LANES, &a[k], sizeof a[k]);
+}
+
+/* 3 LANES halves r0 g0 b0 r1 .. */
+LANES_INLINE void lanes_weave_half(halves r, halves g, halves b, halves woven[3])
+{
+    halves red = WEAVE_OF(r, 0), green = WEAVE_OF(g, 1), blue = WEAVE_OF(b, 2);
+    WEAVE(red, green, blue, woven[0], woven[1], woven[2]);
 }
 
 LANES_INLINE void lanes_store_woven_half(uint16_t *p, halves r, halves g, halves b)
 {
-    halves a[3], red = WEAVE_OF(r, 0), green = WEAVE_OF(g, 1), blue = WEAVE_OF(b, 2);
-    WEAVE(red, green, blue, a[0], a[1], a[2]);
-    memcpy(p, a, sizeof a);
+    halves a[3];
+    lanes_weave_half(r, g, b, a);
+    for (int k = 0; k < 3; k++)
+        memcpy(p + k * LANES, &a[k], sizeof a[k]);
 }
 
 #endif

@@ -11,42 +11,48 @@
 
 #include <float.h>
 
-/* LANES products; what is not finite becomes 0. Returns how many that were. */
-LANES_INLINE size_t promote_lanes(floats white, const uint16_t *ratio, uint16_t *out)
+/* LANES products as halves; what is not finite becomes 0. *finite: a mask of those that were. */
+LANES_INLINE halves promote_lanes(floats white, floats ratio, ints *finite)
 {
-    floats v = white * lanes_load_half(ratio);
-    ints finite = lanes_magnitude(v) <= FLT_MAX;
-    size_t lost = 0;
+    floats v = white * ratio;
+    *finite = lanes_magnitude(v) <= FLT_MAX;
+    return lanes_to_half(lanes_clamp_half(lanes_keep(*finite, v)));
+}
 
-    if (!lanes_are_all_set(finite)) {
-        v = lanes_keep(finite, v);
-        for (int k = 0; k < LANES; k++)
-            lost += finite[k] == 0;
+/* White samples with their gain, @n of them; zeros after them where they end within LANES. */
+LANES_INLINE void widen_white(const uint16_t *white, float gain, size_t n, floats *out)
+{
+    uint16_t rest[LANES] = {0};
+    size_t j = 0;
+    for (; j + LANES <= n; j += LANES)
+        out[j / LANES] = lanes_load_half(white + j) * gain;
+    memcpy(rest, white + j, (n - j) * sizeof *rest);
+    if (n > j)
+        out[j / LANES] = lanes_load_half(rest) * gain;
+}
+
+/* Returns how many products were not finite. */
+LANES_INLINE size_t promote_block(const floats *white, const uint16_t *ratio, size_t n,
+                                  uint16_t *out)
+{
+    uint16_t rest[2][LANES] = {{0}};
+    ints finite, lost = {0};
+    size_t j = 0, sum = 0;
+    for (; j + LANES <= n; j += LANES) {
+        lanes_store_half(out + j,
+                         promote_lanes(white[j / LANES], lanes_load_half(ratio + j), &finite));
+        lost += finite + 1;
     }
-    lanes_store_half(out, lanes_to_half(lanes_clamp_half(v)));
-    return lost;
-}
-
-/* @n < LANES products, by way of buffers. */
-LANES_INLINE size_t promote_rest(floats white, const uint16_t *ratio, size_t n, uint16_t *out)
-{
-    uint16_t in[LANES] = {0}, result[LANES];
-
-    memcpy(in, ratio, n * sizeof *in);
-    size_t lost = promote_lanes(white, in, result);
-    memcpy(out, result, n * sizeof *out);
-    return lost;
-}
-
-/* White samples [at, at + n), n <= LANES, with their gain; 0 after them. */
-LANES_INLINE floats load_white(const struct ls_promote_tile *tile, size_t at, size_t n)
-{
-    uint16_t in[LANES] = {0};
-
-    if (n >= LANES)
-        return lanes_load_half(tile->white + at) * tile->gain;
-    memcpy(in, tile->white + at, n * sizeof *in);
-    return lanes_load_half(in) * tile->gain;
+    if (n > j) {
+        memcpy(rest[0], ratio + j, (n - j) * sizeof *ratio);
+        lanes_store_half(rest[1],
+                         promote_lanes(white[j / LANES], lanes_load_half(rest[0]), &finite));
+        memcpy(out + j, rest[1], (n - j) * sizeof *out);
+        lost += finite + 1;
+    }
+    for (int k = 0; k < LANES; k++)
+        sum += (size_t)lost[k];
+    return sum;
 }
 
 /* The white samples of a block are widened once and wait in the first-level cache for every
@@ -58,17 +64,10 @@ LANES_INLINE size_t promote_tile(const struct ls_promote_tile *tile)
     size_t lost = 0;
 
     for (size_t first = 0; first < tile->n; first += BLOCK) {
-        size_t n = tile->n - first < BLOCK ? tile->n - first : BLOCK, whole = n - n % LANES;
-        for (size_t j = 0; j < n; j += LANES)
-            white[j / LANES] = load_white(tile, first + j, n - j);
-        for (uint32_t s = 0; s < tile->n_spectra; s++) {
-            const uint16_t *ratio = tile->ratio[s] + first;
-            uint16_t *out = tile->out[s] + first;
-            for (size_t j = 0; j < whole; j += LANES)
-                lost += promote_lanes(white[j / LANES], ratio + j, out + j);
-            if (n > whole)
-                lost += promote_rest(white[whole / LANES], ratio + whole, n - whole, out + whole);
-        }
+        size_t n = tile->n - first < BLOCK ? tile->n - first : BLOCK;
+        widen_white(tile->white + first, tile->gain, n, white);
+        for (uint32_t s = 0; s < tile->n_spectra; s++)
+            lost += promote_block(white, tile->ratio[s] + first, n, tile->out[s] + first);
     }
     return lost;
 }

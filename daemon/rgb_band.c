@@ -15,9 +15,10 @@ static size_t samples(const struct ls_rgb_band *band)
     return (size_t)band->region.width * band->region.height * band->field->n_channels;
 }
 
-/* As stored, in floats or halves: the other is NULL. */
+/* As stored, in floats or halves: the other is NULL. @ratio: halves are promoted by it, else NULL.
+ */
 static enum ls_err demosaic(const struct ls_rgb_band *band, float *floats, uint16_t *halves,
-                            struct ls_diag *diag)
+                            const uint16_t *ratio, struct ls_diag *diag)
 {
     const struct ls_field *field = band->field;
     struct ls_demosaic_region w = ls_demosaic_needs(band->region, field->width, field->height);
@@ -31,8 +32,12 @@ static enum ls_err demosaic(const struct ls_rgb_band *band, float *floats, uint1
                                               .image_width = field->width,
                                               .image_height = field->height,
                                               .cfa = field->cfa};
+    const size_t row_step = 3 * (size_t)band->region.width;
     struct ls_demosaic_target target = {.pixel_step = 3,
-                                        .row_step = 3 * (size_t)band->region.width};
+                                        .row_step = row_step,
+                                        .scale = (float)band->gain,
+                                        .half_ratio = ratio,
+                                        .ratio_step = row_step};
     for (int c = 0; c < 3; c++) {
         target.plane[c] = floats ? floats + c : NULL;
         target.half[c] = halves ? halves + c : NULL;
@@ -43,13 +48,19 @@ static enum ls_err demosaic(const struct ls_rgb_band *band, float *floats, uint1
                : LS_OK;
 }
 
-/* White, demosaiced, not gained. */
-static enum ls_err white_halves(const struct ls_rgb_band *band, uint16_t *out, struct ls_diag *diag)
+/* White, or promoted. */
+static enum ls_err make_halves(const struct ls_rgb_band *band, const uint16_t *ratio, uint16_t *out,
+                               struct ls_diag *diag)
 {
     const struct ls_demosaic_region *r = &band->region;
     if (band->field->n_channels > 1)
-        return demosaic(band, NULL, out, diag);
-    ls_picture_map_read_half(band->map, r->x, r->y, r->width, r->height, out);
+        return demosaic(band, NULL, out, ratio, diag);
+    LS_CLEANUP_FREE uint16_t *white = ratio ? malloc(samples(band) * sizeof *white) : NULL;
+    if (ratio && !white)
+        return out_of_memory(diag);
+    ls_picture_map_read_half(band->map, r->x, r->y, r->width, r->height, white ? white : out);
+    if (white)
+        ls_factored_expand(white, (float)band->gain, ratio, samples(band), out);
     return LS_OK;
 }
 
@@ -63,18 +74,13 @@ static void ratio_halves(const struct ls_rgb_band *band, uint16_t *out)
 static enum ls_err promoted_halves(const struct ls_rgb_band *band, uint16_t *out,
                                    struct ls_diag *diag)
 {
-    size_t n = samples(band);
-    LS_CLEANUP_FREE uint16_t *room = malloc(2 * n * sizeof *room);
-    if (!room)
+    if (band->ratio_halves)
+        return make_halves(band, band->ratio_halves, out, diag);
+    LS_CLEANUP_FREE uint16_t *ratio = malloc(samples(band) * sizeof *ratio);
+    if (!ratio)
         return out_of_memory(diag);
-    const uint16_t *ratio = band->ratio_halves ? band->ratio_halves : room + n;
-    enum ls_err err = white_halves(band, room, diag);
-    if (err)
-        return err;
-    if (!band->ratio_halves)
-        ratio_halves(band, room + n);
-    ls_factored_expand(room, (float)band->gain, ratio, n, out);
-    return LS_OK;
+    ratio_halves(band, ratio);
+    return make_halves(band, ratio, out, diag);
 }
 
 /* What is no number stays none. */
@@ -90,7 +96,7 @@ enum ls_err ls_rgb_band_floats(const struct ls_rgb_band *band, float *out, struc
         ls_picture_map_read(band->map, r->x, r->y, r->width, r->height, (float)band->gain, out);
         return LS_OK;
     }
-    enum ls_err err = demosaic(band, out, NULL, diag);
+    enum ls_err err = demosaic(band, out, NULL, NULL, diag);
     for (size_t k = 0; k < samples(band) && !err; k++)
         out[k] *= (float)band->gain;
     return err;
@@ -102,7 +108,7 @@ enum ls_err ls_rgb_band_halves(const struct ls_rgb_band *band, uint16_t *out, st
     if (band->ratio)
         return promoted_halves(band, out, diag);
     if (band->gain == 1)
-        return white_halves(band, out, diag);
+        return make_halves(band, NULL, out, diag);
     LS_CLEANUP_FREE float *floats = malloc(n * sizeof *floats);
     if (!floats)
         return out_of_memory(diag);

@@ -3,7 +3,11 @@
 #include <glib.h>
 #include <stdatomic.h>
 #include <string.h>
+#if defined(__x86_64__)
+#include <xxh_x86dispatch.h> /* the same functions, by what the processor has */
+#else
 #include <xxhash.h>
+#endif
 
 struct ls_tile_hashes {
     gatomicrefcount users;
