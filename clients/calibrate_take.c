@@ -1,7 +1,5 @@
 #include "clients/calibrate_take.h"
 
-#include "core/merge.h"
-
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -207,16 +205,12 @@ enum ls_err ls_calibrate_take_parse(struct ls_command_context *context, const ch
 enum ls_err ls_calibrate_take_open(struct ls_command_context *context, const char *id,
                                    uint32_t camera, struct ls_calibrate_take **out)
 {
-    Lightstage__TakeShow body = LIGHTSTAGE__TAKE_SHOW__INIT;
-    struct ls_reply reply;
-    body.take = (char *)id;
-    enum ls_err err = ls_connection_call(context->connection, LS_MESSAGE_TAKE_SHOW, &body.base,
-                                         NULL, 0, &reply, &context->diag);
-    if (err)
-        return err;
-    err = ls_calibrate_take_parse(context, id, (const char *)reply.payload, reply.payload_bytes,
-                                  camera, out, &context->diag);
-    ls_reply_finish(&reply);
+    char *text = NULL;
+    enum ls_err err =
+        ls_command_said(context, lightstage_take_show(context->stage, id, &text, &context->error));
+    if (!err)
+        err = ls_calibrate_take_parse(context, id, text, strlen(text), camera, out, &context->diag);
+    lightstage_text_free(text);
     return err;
 }
 
@@ -246,116 +240,4 @@ struct ls_calibrate_region ls_calibrate_around(const struct ls_calibrate_take *t
     out.width = (uint32_t)ceil(fmax(x1, x0 + 2)) - out.x;
     out.height = (uint32_t)ceil(fmax(y1, y0 + 2)) - out.y;
     return out;
-}
-
-/* ---- fetching ---- */
-
-enum { NAMES_PER_REQUEST = 256 };
-
-struct fetch {
-    const struct ls_calibrate_take *take;
-    const struct ls_lit_picture *const *pictures; /* of this request */
-    uint32_t n;
-    struct ls_calibrate_region region;
-    float *e;
-    uint8_t *validity;
-    ls_lit_use *use;
-    void *user;
-};
-
-static enum ls_err send_request(const struct fetch *f, uint32_t *request)
-{
-    Lightstage__Fetch body = LIGHTSTAGE__FETCH__INIT;
-    Lightstage__Region region = LIGHTSTAGE__REGION__INIT;
-    char *names[NAMES_PER_REQUEST];
-    for (uint32_t i = 0; i < f->n; i++)
-        names[i] = (char *)f->pictures[i]->id;
-    region.x = f->region.x;
-    region.y = f->region.y;
-    region.width = f->region.width;
-    region.height = f->region.height;
-    body.take = (char *)f->take->id;
-    body.conditions = names;
-    body.n_conditions = f->n;
-    body.region = &region;
-    body.quantity = LIGHTSTAGE__QUANTITY__ESTIMATE;
-    body.camera = f->take->camera_row;
-    body.validity = true;
-    return ls_connection_send(f->take->context->connection, LS_MESSAGE_FETCH, &body.base, NULL, 0,
-                              request, &f->take->context->diag);
-}
-
-static void put_row(const struct fetch *f, const float *from, const uint8_t *validity, double unit,
-                    size_t at, uint32_t n)
-{
-    for (uint32_t x = 0; x < n; x++)
-        f->e[at + x] = (float)((double)from[x] * unit);
-    memcpy(f->validity + at, validity, n);
-}
-
-static enum ls_err take_band(const struct fetch *f, const struct ls_reply *reply,
-                             struct ls_diag *diag)
-{
-    const Lightstage__FetchReply *band = (const Lightstage__FetchReply *)reply->message;
-    const struct ls_take_document *d = f->take->document;
-    if (reply->type != (LS_MESSAGE_FETCH | LS_MESSAGE_REPLY) || band->light >= f->n ||
-        band->sample != LIGHTSTAGE__SAMPLE__FLOAT || band->components != 1 ||
-        f->region.x + (uint64_t)band->width > d->width ||
-        f->region.y + (uint64_t)band->first_row + band->n_rows > d->height || !band->validity ||
-        band->variance ||
-        reply->payload_bytes != (size_t)band->width * band->n_rows * (sizeof(float) + 1) ||
-        !(band->reference_exposure_s > 0))
-        return ls_fail(diag, LS_ERR_INVALID, "the daemon sent rows that do not fit the picture");
-    const uint8_t *flags = reply->payload + (size_t)band->width * band->n_rows * sizeof(float);
-    for (uint32_t y = 0; y < band->n_rows; y++) {
-        size_t at = (size_t)(f->region.y + band->first_row + y) * d->width + f->region.x;
-        put_row(f, (const float *)(const void *)reply->payload + (size_t)y * band->width,
-                flags + (size_t)y * band->width, 1 / band->reference_exposure_s, at, band->width);
-    }
-    if (band->first_row + band->n_rows < band->height)
-        return LS_OK;
-    return f->use(f->user, f->pictures[band->light], f->e, f->validity, diag);
-}
-
-static enum ls_err receive(const struct fetch *f, uint32_t request)
-{
-    struct ls_command_context *context = f->take->context;
-    for (bool last = false; !last;) {
-        struct ls_reply reply;
-        enum ls_err err =
-            ls_connection_receive(context->connection, request, &reply, &context->diag);
-        if (!err)
-            err = take_band(f, &reply, &context->diag);
-        if (err == LS_ERR_ABORTED)
-            return ls_fail(&context->diag, err, "interrupted");
-        last = reply.last;
-        ls_reply_finish(&reply);
-        if (err)
-            return err;
-    }
-    return LS_OK;
-}
-
-enum ls_err ls_calibrate_fetch(const struct ls_calibrate_take *take,
-                               const struct ls_lit_picture *const *pictures, uint32_t n,
-                               struct ls_calibrate_region region, ls_lit_use *use, void *user)
-{
-    size_t px = (size_t)take->document->width * take->document->height;
-    LS_CLEANUP_FREE float *e = calloc(px, sizeof *e);
-    LS_CLEANUP_FREE uint8_t *validity = calloc(px, 1);
-    enum ls_err err = LS_OK;
-    if (!e || !validity)
-        return ls_fail(&take->context->diag, LS_ERR_NOMEM, "out of memory for a picture");
-    for (size_t i = 0; i < px; i++)
-        e[i] = NAN;
-    for (uint32_t at = 0; at < n && !err; at += NAMES_PER_REQUEST) {
-        struct fetch f = {take, pictures + at, n - at, region, e, validity, use, user};
-        uint32_t request = 0;
-        if (f.n > NAMES_PER_REQUEST)
-            f.n = NAMES_PER_REQUEST;
-        err = send_request(&f, &request);
-        if (!err)
-            err = receive(&f, request);
-    }
-    return err;
 }

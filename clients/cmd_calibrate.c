@@ -376,7 +376,7 @@ static int run(struct ls_command_context *context, int argc, char **argv)
     if (!code && ls_command_check_writable(options.output, &context->diag))
         code = ls_command_failed(context, LS_ERR_INVALID);
     if (!code)
-        code = ls_command_connect(context);
+        code = ls_command_open(context);
     context->quiet = true;
     if (!code)
         code = run_objects(&c);

@@ -6,7 +6,6 @@
 #include "clients/region_option.h"
 #include "clients/take_document.h"
 #include "core/exr.h"
-#include "proto/models.h"
 
 #include <errno.h>
 #include <stdio.h>
@@ -19,7 +18,7 @@ static const size_t file_limit = (size_t)8 << 30;
 
 struct options {
     const char *channels, *lights;
-    Lightstage__Promotion promotion;
+    struct lightstage_promotion promotion;
     bool half;
     uint32_t camera;
 };
@@ -57,8 +56,8 @@ static int parse(struct ls_command_context *context, int argc, char **argv, stru
                                             {"camera", required_argument, NULL, 4},
                                             LS_PROMOTION_OPTIONS,
                                             LS_COMMON_OPTIONS};
-    lightstage__promotion__init(&out->promotion);
-    out->promotion.model = LIGHTSTAGE__MODEL__SPHERE;
+    out->promotion =
+        (struct lightstage_promotion){.size = sizeof out->promotion, .model = LIGHTSTAGE_SPHERE};
     for (int option, code;
          (option = ls_command_option(context, &ls_command_export, argc, argv, options)) != -1;) {
         if (option == 1)
@@ -111,10 +110,10 @@ static enum ls_err choose_spectra(struct export *export)
 
 static void make_recipe(struct export *export)
 {
-    const Lightstage__Promotion *p = &export->options->promotion;
+    const struct lightstage_promotion *p = &export->options->promotion;
     size_t n = (size_t)snprintf(export->recipe, sizeof export->recipe, "%s %u %d%d%d %s",
-                                ls_model_name(p->model), export->options->camera, (int)p->reference,
-                                p->ideal_polarisation, p->plain_conductors,
+                                lightstage_model_name(p->model), export->options->camera,
+                                (int)p->reference, p->ideal_polarisation, p->plain_conductors,
                                 export->options->half ? "half" : "float");
     for (uint32_t s = 0; s < export->n_spectra && n < sizeof export->recipe; s++)
         n += (size_t)snprintf(export->recipe + n, sizeof export->recipe - n, " %s",
@@ -124,15 +123,15 @@ static void make_recipe(struct export *export)
 /* ---- one light ---- */
 
 static void describe(struct export *export, struct spectrum *spectrum, uint32_t light,
-                     const Lightstage__FetchReply *reply)
+                     const struct lightstage_band *band)
 {
     struct ls_promotion_report report = {0};
     struct ls_exr_attrs *attrs = &spectrum->attrs;
-    if (reply->spectrum)
-        ls_promotion_report_keep(&report, (Lightstage__SpectrumReport *const *)&reply->spectrum, 1);
-    ls_picture_attrs_take(export->document, reply->calibrated, attrs);
+    if (band->report)
+        ls_promotion_report_keep(&report, &band->report, 1);
+    ls_picture_attrs_take(export->document, band->calibrated, attrs);
     ls_promotion_report_attrs(&report, false, attrs);
-    ls_picture_attrs_fetched(export->document, reply, spectrum->name, attrs);
+    ls_picture_attrs_fetched(export->document, band, spectrum->name, attrs);
     ls_picture_attrs_light(export->document, light, attrs);
     ls_exr_attrs_string(attrs, "lightstage/cfa", "none");
     ls_exr_attrs_string(attrs, "lightstage/units", "R");
@@ -141,47 +140,49 @@ static void describe(struct export *export, struct spectrum *spectrum, uint32_t 
     ls_exr_attrs_string(attrs, "lightstage/export", export->recipe);
 }
 
-static enum ls_err request(struct export *export, const struct spectrum *spectrum, uint32_t light,
-                           uint32_t *id)
+/* A picture that is being received. */
+struct received {
+    struct export *export;
+    struct spectrum *spectrum;
+    uint32_t light;
+    bool whole;
+    enum ls_err err;
+};
+
+static int take_band(const struct lightstage_band *band, void *user)
 {
-    Lightstage__Fetch body = LIGHTSTAGE__FETCH__INIT;
-    Lightstage__Region region = LIGHTSTAGE__REGION__INIT;
-    Lightstage__Promotion promotion = export->options->promotion;
-    if (spectrum->photographed)
-        lightstage__promotion__init(&promotion);
-    body.take = (char *)export->document->id;
-    body.channel = (char *)spectrum->name;
-    body.lights = &light;
-    body.n_lights = 1;
-    body.region = &region;
-    body.promotion = &promotion;
-    body.layout = export->document->mono ? LIGHTSTAGE__LAYOUT__MONO : LIGHTSTAGE__LAYOUT__RGB;
-    body.sample = export->options->half ? LIGHTSTAGE__SAMPLE__HALF : LIGHTSTAGE__SAMPLE__FLOAT;
-    body.camera = export->options->camera;
-    return ls_connection_send(export->context->connection, LS_MESSAGE_FETCH, &body.base, NULL, 0,
-                              id, &export->context->diag);
+    struct received *r = user;
+    struct ls_pixel_quality none = {0};
+    if (!band->first_row)
+        describe(r->export, r->spectrum, r->light, band);
+    r->err =
+        ls_received_band(&r->spectrum->image, &none, band, &r->whole, &r->export->context->diag);
+    return r->err != LS_OK;
 }
 
 static enum ls_err fetch(struct export *export, struct spectrum *spectrum, uint32_t light)
 {
-    struct ls_diag *diag = &export->context->diag;
-    struct ls_pixel_quality none = {0};
-    uint32_t id = 0;
-    bool whole = false;
-    enum ls_err err = request(export, spectrum, light, &id);
-    for (bool last = false; !last && !err;) {
-        struct ls_reply reply;
-        err = ls_connection_receive(export->context->connection, id, &reply, diag);
-        if (!err && !whole)
-            err = ls_received_band(&spectrum->image, &none, &reply, &whole, diag);
-        if (!err && whole && !spectrum->attrs.n)
-            describe(export, spectrum, light, (const Lightstage__FetchReply *)reply.message);
-        last = reply.last;
-        ls_reply_finish(&reply);
-    }
-    if (!err && !whole)
-        err = ls_fail(diag, LS_ERR_INVALID, "the daemon sent less than a picture");
-    return err;
+    static const struct lightstage_promotion measured = {.size = sizeof measured};
+    struct ls_command_context *context = export->context;
+    const struct lightstage_fetch wish = {
+        .size = sizeof wish,
+        .take = export->document->id,
+        .channel = spectrum->name,
+        .lights = &light,
+        .n_lights = 1,
+        .promotion = spectrum->photographed ? &measured : &export->options->promotion,
+        .layout = export->document->mono ? LIGHTSTAGE_MONO : LIGHTSTAGE_RGB,
+        .sample = export->options->half ? LIGHTSTAGE_HALF : LIGHTSTAGE_FLOAT,
+        .camera = export->options->camera,
+    };
+    struct received r = {.export = export, .spectrum = spectrum, .light = light};
+    uint32_t number = lightstage_fetch(context->stage, &wish, take_band, &r, &context->error);
+    if (r.err)
+        return r.err;
+    if (number)
+        return ls_command_said(context, number);
+    return r.whole ? LS_OK
+                   : ls_fail(&context->diag, LS_ERR_INVALID, "the daemon sent less than a picture");
 }
 
 static struct ls_exr_part part_of(const struct export *export, struct spectrum *spectrum)

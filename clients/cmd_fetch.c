@@ -1,5 +1,5 @@
-#include "clients/command.h"
 #include "clients/fetch_coefficients.h"
+#include "clients/fetch_options.h"
 #include "clients/picture_attrs.h"
 #include "clients/picture_file.h"
 #include "clients/pixel_quality.h"
@@ -8,26 +8,15 @@
 #include "clients/received_band.h"
 #include "clients/region_option.h"
 #include "clients/take_document.h"
-#include "proto/models.h"
 
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
-struct options {
-    const char *channel, *lights, *output;
-    const char *coefficients; /* "harmonics", "gradients", or NULL: lights */
-    Lightstage__Promotion promotion;
-    Lightstage__Layout layout;
-    bool estimate, half, full_sphere, promoted, validity, variance;
-    uint32_t camera, level;
-    Lightstage__Region region;
-};
-
 /* The picture being received, and the files written so far. */
 struct fetch {
     struct ls_command_context *context;
-    const struct options *options;
+    const struct ls_fetch_options *options;
     const struct ls_take_document *document;
     struct ls_image image;
     struct ls_pixel_quality quality;
@@ -36,153 +25,29 @@ struct fetch {
     char *csv; /* text of the list, malloc */
     size_t csv_bytes;
     FILE *csv_stream; /* into it */
+    enum ls_err err;
+    struct ls_diag diag; /* of err */
 };
-
-static int layout_option(const char *text, Lightstage__Layout *out)
-{
-    static const char *const names[] = {"mosaic", "rgb", "mono"};
-    for (size_t i = 0; i < sizeof names / sizeof *names; i++)
-        if (strcmp(text, names[i]) == 0) {
-            *out = (Lightstage__Layout)i;
-            return LS_EXIT_OK;
-        }
-    return ls_command_wrong("--layout %s: expected mosaic, rgb or mono", text);
-}
-
-static int parse_option(struct options *out, int option)
-{
-    switch (option) {
-    case 1:
-        out->channel = optarg;
-        return LS_EXIT_OK;
-    case 2:
-        out->lights = optarg;
-        return LS_EXIT_OK;
-    case 3:
-        out->output = optarg;
-        return LS_EXIT_OK;
-    case 5:
-        return layout_option(optarg, &out->layout);
-    case 6:
-        out->estimate = true;
-        return LS_EXIT_OK;
-    case 7:
-        out->half = true;
-        return LS_EXIT_OK;
-    case 8:
-        out->full_sphere = true;
-        return LS_EXIT_OK;
-    case 9:
-        return ls_region_option(optarg, &out->region)
-                   ? LS_EXIT_OK
-                   : ls_command_wrong("--region %s: expected X,Y,WIDTH,HEIGHT", optarg);
-    case 10:
-        return ls_camera_option(optarg, &out->camera)
-                   ? LS_EXIT_OK
-                   : ls_command_wrong("--camera %s: expected the number of a camera, from 0",
-                                      optarg);
-    case 14:
-        return ls_level_option(optarg, &out->level)
-                   ? LS_EXIT_OK
-                   : ls_command_wrong("--level %s: expected 0 (full size), 1 or 2", optarg);
-    case 12:
-        out->validity = true;
-        return LS_EXIT_OK;
-    case 13:
-        out->variance = true;
-        return LS_EXIT_OK;
-    case 11:
-        out->coefficients = optarg;
-        return strcmp(optarg, "harmonics") == 0 || strcmp(optarg, "gradients") == 0
-                   ? LS_EXIT_OK
-                   : ls_command_wrong("--coefficients %s: expected harmonics or gradients", optarg);
-    default:
-        out->promoted = true;
-        return ls_promotion_option(option, optarg, &out->promotion);
-    }
-}
-
-/* What is promoted is RGB, gained, and of single lights. */
-static int check_promotion(const struct options *o)
-{
-    const char *model = ls_model_name(o->promotion.model);
-    if (o->promotion.model == LIGHTSTAGE__MODEL__MEASURED)
-        return LS_EXIT_OK;
-    if (o->full_sphere)
-        return ls_command_wrong("fetch: --full-sphere is photographed: leave out --model %s",
-                                model);
-    if (o->estimate)
-        return ls_command_wrong("fetch: --estimate is photographed: leave out --model %s", model);
-    if (o->layout == LIGHTSTAGE__LAYOUT__MOSAIC)
-        return ls_command_wrong("fetch: --model %s makes RGB pictures, as ratios are formed after "
-                                "demosaicing: add --layout rgb or mono",
-                                model);
-    return LS_EXIT_OK;
-}
-
-static int parse(struct ls_command_context *context, int argc, char **argv, struct options *out)
-{
-    static const struct option options[] = {{"channel", required_argument, NULL, 1},
-                                            {"lights", required_argument, NULL, 2},
-                                            {"output", required_argument, NULL, 3},
-                                            {"layout", required_argument, NULL, 5},
-                                            {"estimate", no_argument, NULL, 6},
-                                            {"half", no_argument, NULL, 7},
-                                            {"full-sphere", no_argument, NULL, 8},
-                                            {"region", required_argument, NULL, 9},
-                                            {"camera", required_argument, NULL, 10},
-                                            {"coefficients", required_argument, NULL, 11},
-                                            {"validity", no_argument, NULL, 12},
-                                            {"variance", no_argument, NULL, 13},
-                                            {"level", required_argument, NULL, 14},
-                                            LS_PROMOTION_OPTIONS,
-                                            LS_COMMON_OPTIONS};
-    lightstage__promotion__init(&out->promotion);
-    lightstage__region__init(&out->region);
-    for (int option;
-         (option = ls_command_option(context, &ls_command_fetch, argc, argv, options)) != -1;) {
-        int code = parse_option(out, option);
-        if (code)
-            return code;
-    }
-    if (!ls_command_arguments(&ls_command_fetch, argc, 1))
-        return LS_EXIT_USAGE;
-    if (!out->channel || !out->output)
-        return ls_command_wrong("fetch: --channel NAME and --output PREFIX are needed");
-    if (out->full_sphere && out->lights)
-        return ls_command_wrong("fetch: --full-sphere is all lights at once: leave out --lights");
-    if (out->coefficients && (out->full_sphere || out->lights || out->estimate || out->promoted))
-        return ls_command_wrong("fetch: --coefficients are sums over all lights, as photographed: "
-                                "leave out --lights, --full-sphere, --estimate and --model");
-    if (out->coefficients && (out->level || out->layout == LIGHTSTAGE__LAYOUT__MONO))
-        return ls_command_wrong("fetch: --coefficients come full size, as mosaic or rgb");
-    if ((out->validity || out->variance) &&
-        (out->layout != LIGHTSTAGE__LAYOUT__MOSAIC || out->level || out->coefficients))
-        return ls_command_wrong(
-            "fetch: --validity and --variance are of photographed pixels: leave "
-            "out --layout, --level and --coefficients");
-    return check_promotion(out);
-}
 
 /* ---- one picture ---- */
 
-static void fill_attributes(const struct fetch *fetch, const Lightstage__FetchReply *band,
+static void fill_attributes(const struct fetch *fetch, const struct lightstage_band *band,
                             struct ls_exr_attrs *attrs)
 {
-    const struct options *o = fetch->options;
+    const struct ls_fetch_options *o = fetch->options;
     const struct ls_take_document *d = fetch->document;
     ls_picture_attrs_take(d, band->calibrated, attrs);
     ls_promotion_report_attrs(&fetch->report, false, attrs);
     ls_picture_attrs_fetched(d, band, o->channel, attrs);
     ls_exr_attrs_string(attrs, "lightstage/cfa",
-                        o->layout != LIGHTSTAGE__LAYOUT__MOSAIC ? "none" : ls_cfa_name(d->cfa));
+                        o->layout != LIGHTSTAGE_MOSAIC ? "none" : ls_cfa_name(d->cfa));
     ls_exr_attrs_string(attrs, "lightstage/units",
                         o->estimate ? "full scale / s x referenceExposure" : "R");
     if (!o->full_sphere)
         ls_picture_attrs_light(d, band->light, attrs);
 }
 
-static enum ls_err record(struct fetch *fetch, const char *path, const Lightstage__FetchReply *band,
+static enum ls_err record(struct fetch *fetch, const char *path, const struct lightstage_band *band,
                           struct ls_diag *diag)
 {
     const struct ls_take_document *d = fetch->document;
@@ -205,11 +70,11 @@ static enum ls_err record(struct fetch *fetch, const char *path, const Lightstag
     return LS_OK;
 }
 
-static enum ls_err write_picture(struct fetch *fetch, const Lightstage__FetchReply *band,
+static enum ls_err write_picture(struct fetch *fetch, const struct lightstage_band *band,
                                  struct ls_diag *diag)
 {
     char path[4096];
-    const struct options *o = fetch->options;
+    const struct ls_fetch_options *o = fetch->options;
     struct ls_exr_attrs attrs = {0};
     const struct ls_picture_place place =
         ls_level_place(&o->region, o->level, fetch->document->width, fetch->document->height);
@@ -228,70 +93,54 @@ static enum ls_err write_picture(struct fetch *fetch, const Lightstage__FetchRep
     return err;
 }
 
-static enum ls_err take_band(struct fetch *fetch, const struct ls_reply *reply,
-                             struct ls_diag *diag)
+static enum ls_err put_band(struct fetch *fetch, const struct lightstage_band *band)
 {
     bool whole = false;
-    enum ls_err err = ls_received_band(&fetch->image, &fetch->quality, reply, &whole, diag);
-    if (err)
-        return err;
-    const Lightstage__FetchReply *band = (const Lightstage__FetchReply *)reply->message;
-    if (band->spectrum)
-        ls_promotion_report_keep(&fetch->report,
-                                 (Lightstage__SpectrumReport *const *)&band->spectrum, 1);
-    return whole ? write_picture(fetch, band, diag) : LS_OK;
+    enum ls_err err = ls_received_band(&fetch->image, &fetch->quality, band, &whole, &fetch->diag);
+    if (!err && band->report)
+        ls_promotion_report_keep(&fetch->report, &band->report, 1);
+    return whole ? write_picture(fetch, band, &fetch->diag) : err;
+}
+
+static int take_band(const struct lightstage_band *band, void *user)
+{
+    struct fetch *fetch = user;
+    fetch->err = put_band(fetch, band);
+    return fetch->err != LS_OK;
 }
 
 /* ---- the command ---- */
 
-static enum ls_err receive(struct fetch *fetch, uint32_t request)
+static enum ls_err ask(struct fetch *fetch)
 {
-    struct ls_diag *diag = &fetch->context->diag;
-    for (bool last = false; !last;) {
-        struct ls_reply reply;
-        enum ls_err err = ls_connection_receive(fetch->context->connection, request, &reply, diag);
-        if (!err)
-            err = take_band(fetch, &reply, diag);
-        last = reply.last;
-        ls_reply_finish(&reply);
-        if (err)
-            return err;
-    }
-    return LS_OK;
-}
-
-static enum ls_err send_request(struct fetch *fetch, uint32_t *request)
-{
-    const struct options *o = fetch->options;
-    Lightstage__Fetch body = LIGHTSTAGE__FETCH__INIT;
-    Lightstage__Region region = o->region;
-    struct ls_diag *diag = &fetch->context->diag;
-    uint32_t *lights = NULL;
+    const struct ls_fetch_options *o = fetch->options;
+    struct ls_command_context *context = fetch->context;
+    LS_CLEANUP_FREE uint32_t *lights = NULL;
     size_t n = 0;
     if (o->lights && !ls_lights_option(o->lights, fetch->document->n_lights, &lights, &n))
-        return ls_fail(diag, LS_ERR_INVALID,
+        return ls_fail(&context->diag, LS_ERR_INVALID,
                        "--lights %s: expected numbers and ranges from 0 to %u, e.g. 0,5,7-9",
                        o->lights, fetch->document->n_lights - 1);
-    body.take = (char *)fetch->document->id;
-    body.channel = (char *)o->channel;
-    body.lights = lights;
-    body.n_lights = n;
-    body.region = &region;
-    Lightstage__Promotion promotion = o->promotion;
-    body.promotion = &promotion;
-    body.layout = o->layout;
-    body.level = o->level;
-    body.quantity =
-        o->estimate ? LIGHTSTAGE__QUANTITY__ESTIMATE : LIGHTSTAGE__QUANTITY__REFLECTANCE;
-    body.sample = o->half ? LIGHTSTAGE__SAMPLE__HALF : LIGHTSTAGE__SAMPLE__FLOAT;
-    body.full_sphere = o->full_sphere;
-    body.camera = o->camera;
-    body.validity = o->validity;
-    body.variance = o->variance;
-    enum ls_err err = ls_connection_send(fetch->context->connection, LS_MESSAGE_FETCH, &body.base,
-                                         NULL, 0, request, diag);
-    free(lights);
-    return err;
+    const struct lightstage_fetch wish = {
+        .size = sizeof wish,
+        .take = fetch->document->id,
+        .channel = o->channel,
+        .lights = lights,
+        .n_lights = n,
+        .full_sphere = o->full_sphere,
+        .region = o->region,
+        .promotion = &o->promotion,
+        .layout = o->layout,
+        .quantity = o->estimate ? LIGHTSTAGE_ESTIMATE : LIGHTSTAGE_REFLECTANCE,
+        .sample = o->half ? LIGHTSTAGE_HALF : LIGHTSTAGE_FLOAT,
+        .camera = o->camera,
+        .level = o->level,
+        .variance = o->variance,
+        .validity = o->validity,
+    };
+    enum ls_err err = ls_command_said(
+        context, lightstage_fetch(context->stage, &wish, take_band, fetch, &context->error));
+    return fetch->err ? ls_fail(&context->diag, fetch->err, "%s", fetch->diag.text) : err;
 }
 
 static enum ls_err write_sidecars(struct fetch *fetch, const json_t *document)
@@ -337,12 +186,9 @@ static void tell(const struct fetch *fetch, json_t *document)
 
 static int fetch_pictures(struct fetch *fetch)
 {
-    uint32_t request = 0;
     enum ls_err err = open_list(fetch);
     if (!err)
-        err = send_request(fetch, &request);
-    if (!err)
-        err = receive(fetch, request);
+        err = ask(fetch);
     enum ls_err closed = close_list(fetch);
     err = err ? err : closed;
     json_t *document =
@@ -361,14 +207,14 @@ static int fetch_pictures(struct fetch *fetch)
 }
 
 static int fetch_coefficients(struct ls_command_context *context, const char *take,
-                              const struct options *o)
+                              const struct ls_fetch_options *o)
 {
     const struct ls_fetch_coefficients wanted = {
         .take = take,
         .channel = o->channel,
         .output = o->output,
         .gradients = strcmp(o->coefficients, "gradients") == 0,
-        .rgb = o->layout == LIGHTSTAGE__LAYOUT__RGB,
+        .rgb = o->layout == LIGHTSTAGE_RGB,
         .half = o->half,
         .camera = o->camera,
         .region = o->region,
@@ -378,9 +224,9 @@ static int fetch_coefficients(struct ls_command_context *context, const char *ta
 
 static int run(struct ls_command_context *context, int argc, char **argv)
 {
-    struct options options = {0};
+    struct ls_fetch_options options;
     struct ls_take_document *document = NULL;
-    int code = parse(context, argc, argv, &options);
+    int code = ls_fetch_options_parse(context, argc, argv, &options);
     if (code)
         return code;
     if (options.coefficients)

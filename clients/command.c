@@ -1,7 +1,5 @@
 #include "clients/command.h"
 
-#include "proto/errors.h"
-
 #include <errno.h>
 #include <fcntl.h>
 #include <limits.h>

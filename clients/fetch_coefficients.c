@@ -245,7 +245,7 @@ static enum ls_err make_all(struct work *w)
 static enum ls_err prepare(struct work *w)
 {
     const struct ls_take_document *d = w->take->document;
-    const Lightstage__Region *r = &w->wanted->region;
+    const struct lightstage_region *r = &w->wanted->region;
     int channel = ls_calibrate_channel(w->take, w->wanted->channel);
     if (channel < 0)
         return ls_fail(diag_of(w), LS_ERR_NOT_FOUND, "take %s has no channel \"%.32s\"",
@@ -293,7 +293,7 @@ int ls_fetch_coefficients(struct ls_command_context *context,
                           const struct ls_fetch_coefficients *wanted)
 {
     struct work w = {.context = context, .wanted = wanted};
-    int code = ls_command_connect(context);
+    int code = ls_command_open(context);
     if (code)
         return code;
     enum ls_err err = ls_calibrate_take_open(context, wanted->take, wanted->camera, &w.take);

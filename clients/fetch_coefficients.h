@@ -10,7 +10,7 @@
 #define LS_CLIENTS_FETCH_COEFFICIENTS_H
 
 #include "clients/command.h"
-#include "proto/lightstage.pb-c.h"
+#include "clients/lightstage.h"
 
 #include <stdbool.h>
 #include <stdint.h>
@@ -20,7 +20,7 @@ struct ls_fetch_coefficients {
     bool gradients; /* else harmonics */
     bool rgb, half;
     uint32_t camera;
-    Lightstage__Region region; /* width 0 = the whole picture */
+    struct lightstage_region region; /* width 0 = the whole picture */
 };
 
 /**

@@ -1,7 +1,5 @@
 #include "clients/light_solver.h"
 
-#include "proto/models.h"
-
 #include <stdio.h>
 
 static void name_channel(struct ls_light_solver *solver, struct ls_light_weights *out, uint32_t c)
@@ -15,14 +13,14 @@ static void name_channel(struct ls_light_solver *solver, struct ls_light_weights
 }
 
 /* Did the plan ask for what the model makes a spectrum's single lights of? */
-static bool is_served(const struct ls_take_document *d, uint32_t c, Lightstage__Model model)
+static bool is_served(const struct ls_take_document *d, uint32_t c, enum lightstage_model model)
 {
     switch (model) {
-    case LIGHTSTAGE__MODEL__MEASURED:
+    case LIGHTSTAGE_MEASURED:
         return d->channels[c].each;
-    case LIGHTSTAGE__MODEL__HEADLIGHT:
+    case LIGHTSTAGE_HEADLIGHT:
         return d->channels[c].headlight || d->channels[c].each;
-    case LIGHTSTAGE__MODEL__LINEAR:
+    case LIGHTSTAGE_LINEAR:
         return d->channels[c].segments || d->channels[c].each;
     default:
         return d->channels[c].sphere;
@@ -36,8 +34,8 @@ static bool is_photographed(const struct ls_take_document *d, uint32_t c)
 }
 
 /* "R A B": photographed, but not as the model needs it. */
-static void list_left_out(const struct ls_take_document *d, uint32_t white, Lightstage__Model model,
-                          char *out, size_t size)
+static void list_left_out(const struct ls_take_document *d, uint32_t white,
+                          enum lightstage_model model, char *out, size_t size)
 {
     size_t at = 0;
     out[0] = '\0';
@@ -50,7 +48,7 @@ static void list_left_out(const struct ls_take_document *d, uint32_t white, Ligh
 static enum ls_err tell_left_out(const struct ls_light_solver *solver, uint32_t white,
                                  struct ls_light_weights *out, struct ls_diag *diag)
 {
-    const char *model = ls_model_name(solver->options->model);
+    const char *model = lightstage_model_name(solver->options->model);
     char names[128];
     list_left_out(solver->document, white, solver->options->model, names, sizeof names);
     if (!names[0])

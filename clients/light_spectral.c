@@ -74,9 +74,8 @@ static enum ls_err factor_chart(struct ls_light_solver *solver, struct ls_light_
     /* the daemon weights each camera channel before anything mixes them */
     weights->by_target =
         lighting.mode == LS_SOLVE_PER_TARGET && ls_lighting_space(&lighting) == LS_SOLVE_AFTER_M;
-    weights->mode = lighting.mode == LS_SOLVE_SHARED || weights->by_target
-                        ? LIGHTSTAGE__WEIGHT_MODE__SHARED
-                        : LIGHTSTAGE__WEIGHT_MODE__PER_TARGET;
+    weights->mode = lighting.mode == LS_SOLVE_SHARED || weights->by_target ? LIGHTSTAGE_SHARED
+                                                                           : LIGHTSTAGE_PER_TARGET;
     return ls_lighting_solver_create(&lighting, 3, &solver->lighting, diag);
 }
 

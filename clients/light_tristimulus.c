@@ -91,7 +91,7 @@ static enum ls_err tristimulus_of_lobes(struct ls_light_solver *solver,
 enum ls_err ls_light_tristimulus(struct ls_light_solver *solver, struct ls_light_weights *out,
                                  struct ls_diag *diag)
 {
-    out->mode = LIGHTSTAGE__WEIGHT_MODE__TRISTIMULUS;
+    out->mode = LIGHTSTAGE_TRISTIMULUS;
     out->n_names = 0;
     enum ls_err err = ls_light_rows(out, 3, solver->document->n_lights, diag);
     if (err)
@@ -106,7 +106,7 @@ enum ls_err ls_light_grey(struct ls_light_solver *solver, struct ls_light_weight
                           struct ls_diag *diag)
 {
     static const double luminance[3] = {0.2126, 0.7152, 0.0722}; /* Rec. 709 */
-    out->mode = LIGHTSTAGE__WEIGHT_MODE__SHARED;
+    out->mode = LIGHTSTAGE_SHARED;
     out->n_names = 1;
     out->after_m = true;
     out->warning = "the take has no calibration: relit in grey, with the map's luminance";

@@ -13,11 +13,11 @@
 #define LS_CLIENTS_LIGHT_WEIGHTS_H
 
 #include "clients/environment_file.h"
+#include "clients/lightstage.h"
 #include "clients/row_weights.h"
 #include "clients/take_document.h"
 #include "core/error.h"
 #include "core/lighting.h"
-#include "proto/lightstage.pb-c.h"
 
 #include <stdbool.h>
 #include <stdint.h>
@@ -38,7 +38,7 @@ enum ls_light_method {
 struct ls_light_options {
     enum ls_light_solve solve;
     enum ls_light_method method;
-    Lightstage__Model
+    enum lightstage_model
         model;       /* how the daemon is to promote: spectra it cannot serve are left out */
     bool damped;     /* by `tikhonov` in place of the method's own */
     double tikhonov; /* >= 0, of the mean diagonal (core/solve.h) */
@@ -54,7 +54,7 @@ bool ls_light_method_option(const char *word, enum ls_light_method *out);
 bool ls_light_cells_option(const char *word, bool *smooth);
 
 struct ls_light_weights {
-    Lightstage__WeightMode mode;
+    enum lightstage_weights mode;
     uint32_t n_names;
     char *names[LS_DOCUMENT_CHANNELS]; /* point into the document */
     uint32_t n_rows, n_lights;

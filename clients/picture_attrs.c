@@ -54,12 +54,12 @@ void ls_picture_attrs_light(const struct ls_take_document *document, uint32_t li
 }
 
 void ls_picture_attrs_fetched(const struct ls_take_document *document,
-                              const Lightstage__FetchReply *reply, const char *channel,
+                              const struct lightstage_band *band, const char *channel,
                               struct ls_exr_attrs *attrs)
 {
     ls_exr_attrs_float(attrs, "expTime", (float)document->longest_exposure_s);
     ls_exr_attrs_string(attrs, "lightstage/channel", channel);
     ls_exr_attrs_int(attrs, "lightstage/blackSubtracted", 1);
-    ls_exr_attrs_float(attrs, "lightstage/gain", (float)reply->gain_k);
-    ls_exr_attrs_float(attrs, "lightstage/referenceExposure", (float)reply->reference_exposure_s);
+    ls_exr_attrs_float(attrs, "lightstage/gain", (float)band->gain_k);
+    ls_exr_attrs_float(attrs, "lightstage/referenceExposure", (float)band->reference_exposure_s);
 }

@@ -5,9 +5,9 @@
 #ifndef LS_CLIENTS_PICTURE_ATTRS_H
 #define LS_CLIENTS_PICTURE_ATTRS_H
 
+#include "clients/lightstage.h"
 #include "clients/take_document.h"
 #include "core/exr.h"
-#include "proto/lightstage.pb-c.h"
 
 /** The take, its time, its camera, its conventions, and whether it was @calibrated. Errors stay in
  * attrs->err. */
@@ -20,7 +20,7 @@ void ls_picture_attrs_light(const struct ls_take_document *document, uint32_t li
 
 /** Of a fetched picture: its channel, exposure and gain. Errors stay in attrs->err. */
 void ls_picture_attrs_fetched(const struct ls_take_document *document,
-                              const Lightstage__FetchReply *reply, const char *channel,
+                              const struct lightstage_band *band, const char *channel,
                               struct ls_exr_attrs *attrs);
 
 #endif

@@ -16,23 +16,19 @@ static enum ls_err allocate(struct ls_pixel_quality *quality, size_t n, struct l
 }
 
 enum ls_err ls_pixel_quality_take(struct ls_pixel_quality *quality,
-                                  const Lightstage__FetchReply *band, const uint8_t *payload,
-                                  size_t n, size_t n_values, struct ls_diag *diag)
+                                  const struct lightstage_band *band, struct ls_diag *diag)
 {
     size_t px = (size_t)band->n_rows * band->width, at = (size_t)band->first_row * band->width;
-    size_t variance = quality->want_variance ? px * sizeof(float) : 0;
-    size_t validity = quality->want_validity ? px : 0;
-    if (!band->variance != !quality->want_variance || !band->validity != !quality->want_validity ||
-        n != n_values + variance + validity)
+    if (!band->variance != !quality->want_variance || !band->validity != !quality->want_validity)
         return ls_fail(diag, LS_ERR_INVALID,
                        "the daemon did not send the validity or variance that was asked for");
     enum ls_err err = allocate(quality, (size_t)band->width * band->height, diag);
     if (err)
         return err;
-    if (variance)
-        memcpy(quality->variance + at, payload + n_values, variance);
-    if (validity)
-        memcpy(quality->validity + at, payload + n_values + variance, validity);
+    if (band->variance)
+        memcpy(quality->variance + at, band->variance, px * sizeof(float));
+    if (band->validity)
+        memcpy(quality->validity + at, band->validity, px);
     return LS_OK;
 }
 

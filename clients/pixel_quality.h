@@ -5,9 +5,9 @@
 #ifndef LS_CLIENTS_PIXEL_QUALITY_H
 #define LS_CLIENTS_PIXEL_QUALITY_H
 
+#include "clients/lightstage.h"
 #include "core/error.h"
 #include "core/merge.h"
-#include "proto/lightstage.pb-c.h"
 
 #include <jansson.h>
 #include <stdbool.h>
@@ -21,14 +21,10 @@ struct ls_pixel_quality {
     uint8_t *validity; /* enum ls_validity, or NULL */
 };
 
-/**
- * Keep what follows the @n_values bytes of values in a band's payload of @n bytes. Errors:
- * LS_ERR_INVALID (it is not what was asked for: a daemon that does not know validity),
- * LS_ERR_NOMEM.
- */
+/** Keep what comes with @band. Errors: LS_ERR_INVALID (it is not what was asked for: a daemon that
+ * does not know validity), LS_ERR_NOMEM. */
 LS_MUST_CHECK enum ls_err ls_pixel_quality_take(struct ls_pixel_quality *quality,
-                                                const Lightstage__FetchReply *band,
-                                                const uint8_t *payload, size_t n, size_t n_values,
+                                                const struct lightstage_band *band,
                                                 struct ls_diag *diag);
 
 /** {"saturated", "dark", "gap"}: how many of @n pixels; NULL where validity is not wanted.

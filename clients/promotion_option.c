@@ -1,19 +1,18 @@
 #include "clients/promotion_option.h"
 
 #include "clients/command.h"
-#include "proto/models.h"
 
-int ls_promotion_option(int option, const char *word, Lightstage__Promotion *out)
+int ls_promotion_option(int option, const char *word, struct lightstage_promotion *out)
 {
     switch (option) {
     case LS_OPTION_MODEL:
-        return ls_model_by_name(word, &out->model)
+        return lightstage_model_by_name(word, &out->model)
                    ? LS_EXIT_OK
                    : ls_command_wrong("--model %s: expected measured, sphere, headlight, separated "
                                       "or linear",
                                       word);
     case LS_OPTION_REFERENCE:
-        return ls_reference_by_name(word, &out->reference)
+        return lightstage_reference_by_name(word, &out->reference)
                    ? LS_EXIT_OK
                    : ls_command_wrong("--reference %s: expected strengths or paper", word);
     case LS_OPTION_IDEAL:

@@ -5,7 +5,7 @@
 #ifndef LS_CLIENTS_PROMOTION_OPTION_H
 #define LS_CLIENTS_PROMOTION_OPTION_H
 
-#include "proto/lightstage.pb-c.h"
+#include "clients/lightstage.h"
 
 /** For a command's table, before LS_COMMON_OPTIONS. */
 enum { LS_OPTION_MODEL = 900, LS_OPTION_REFERENCE, LS_OPTION_IDEAL, LS_OPTION_PLAIN };
@@ -24,6 +24,6 @@ enum { LS_OPTION_MODEL = 900, LS_OPTION_REFERENCE, LS_OPTION_IDEAL, LS_OPTION_PL
 
 /** Take one of these options into @out (initialised). LS_EXIT_OK; LS_EXIT_USAGE, said why, for a
  * word that is none, or (silently) an option that is not one of these. */
-int ls_promotion_option(int option, const char *word, Lightstage__Promotion *out);
+int ls_promotion_option(int option, const char *word, struct lightstage_promotion *out);
 
 #endif

@@ -1,19 +1,17 @@
 #include "clients/promotion_report.h"
 
-#include "proto/models.h"
-
 #include <math.h>
 #include <stdio.h>
 #include <string.h>
 
 void ls_promotion_report_keep(struct ls_promotion_report *report,
-                              Lightstage__SpectrumReport *const *spectra, size_t n)
+                              const struct lightstage_spectrum *const *spectra, size_t n)
 {
     report->n = 0;
     for (size_t i = 0; i < n && report->n < LS_SPECTRA_SAID; i++) {
-        const Lightstage__SpectrumReport *from = spectra[i];
+        const struct lightstage_spectrum *from = spectra[i];
         struct ls_spectrum_said *to = &report->spectrum[report->n];
-        if (!ls_model_name(from->model) || !ls_reference_name(from->reference))
+        if (!lightstage_model_name(from->model) || !lightstage_reference_name(from->reference))
             continue; /* of a newer daemon */
         snprintf(to->channel, sizeof to->channel, "%s", from->channel);
         to->model = from->model;
@@ -52,13 +50,13 @@ static bool has_highlights(const struct ls_spectrum_said *said)
 /* What a spectrum was divided by. */
 static const char *reference_of(const struct ls_spectrum_said *said)
 {
-    return said->model == LIGHTSTAGE__MODEL__MEASURED ? "none" : ls_reference_name(said->reference);
+    return said->model == LIGHTSTAGE_MEASURED ? "none" : lightstage_reference_name(said->reference);
 }
 
 static const struct ls_spectrum_said *first_promoted(const struct ls_promotion_report *report)
 {
     for (uint32_t i = 0; i < report->n; i++)
-        if (report->spectrum[i].model != LIGHTSTAGE__MODEL__MEASURED)
+        if (report->spectrum[i].model != LIGHTSTAGE_MEASURED)
             return &report->spectrum[i];
     return NULL;
 }
@@ -69,7 +67,7 @@ static void list_models(const struct ls_promotion_report *report, struct ls_exr_
     for (uint32_t i = 0; i < report->n; i++) {
         size_t used = strlen(text);
         snprintf(text + used, sizeof text - used, "%s%s %s", i ? ", " : "",
-                 report->spectrum[i].channel, ls_model_name(report->spectrum[i].model));
+                 report->spectrum[i].channel, lightstage_model_name(report->spectrum[i].model));
     }
     if (report->n > 1)
         ls_exr_attrs_string(attrs, "lightstage/models", text);
@@ -112,7 +110,7 @@ void ls_promotion_report_attrs(const struct ls_promotion_report *report, bool ba
     const struct ls_spectrum_said *said = first_promoted(report);
     ls_exr_attrs_string(attrs, "lightstage/model",
                         baseline ? "tristimulus"
-                        : said   ? ls_model_name(said->model)
+                        : said   ? lightstage_model_name(said->model)
                                  : "measured");
     ls_exr_attrs_string(attrs, "lightstage/reference",
                         said && !baseline ? reference_of(said) : "none");
@@ -124,10 +122,10 @@ void ls_promotion_report_attrs(const struct ls_promotion_report *report, bool ba
 static json_t *spectrum_json(const struct ls_spectrum_said *said)
 {
     json_t *out = json_pack("{ss ss ss}", "channel", said->channel, "model",
-                            ls_model_name(said->model), "reference", reference_of(said));
+                            lightstage_model_name(said->model), "reference", reference_of(said));
     if (said->segments > 0)
         json_object_set_new(out, "segments", json_integer(said->segments));
-    if (said->model == LIGHTSTAGE__MODEL__LINEAR)
+    if (said->model == LIGHTSTAGE_LINEAR)
         json_object_set_new(out, "blended", json_boolean(said->blended));
     if (is_estimated(said)) {
         json_object_set_new(out, "left_out_error", json_real(said->left_out_error));
@@ -141,7 +139,7 @@ static json_t *spectrum_json(const struct ls_spectrum_said *said)
         json_object_set_new(out, "highlight_error", json_real(said->highlight_error));
         json_object_set_new(out, "highlight_share", json_real(said->highlight_share));
     }
-    if (said->model == LIGHTSTAGE__MODEL__SEPARATED)
+    if (said->model == LIGHTSTAGE_SEPARATED)
         json_object_set_new(out, "inseparable_lights", json_integer(said->inseparable_lights));
     if (said->multiplexed > 0) {
         json_object_set_new(out, "multiplexed", json_integer(said->multiplexed));
@@ -181,7 +179,7 @@ void ls_promotion_report_print(const struct ls_promotion_report *report)
         if (has_highlights(said))
             printf("%s: their highlights: %.2f %% off\n", said->channel,
                    100 * said->highlight_error);
-        if (said->model == LIGHTSTAGE__MODEL__SEPARATED && said->inseparable_lights > 0)
+        if (said->model == LIGHTSTAGE_SEPARATED && said->inseparable_lights > 0)
             printf("%s: %u lights are inseparable: promoted whole, by Eq. 1\n", said->channel,
                    said->inseparable_lights);
     }

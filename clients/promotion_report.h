@@ -5,8 +5,8 @@
 #ifndef LS_CLIENTS_PROMOTION_REPORT_H
 #define LS_CLIENTS_PROMOTION_REPORT_H
 
+#include "clients/lightstage.h"
 #include "core/exr.h"
-#include "proto/lightstage.pb-c.h"
 
 #include <jansson.h>
 #include <stdbool.h>
@@ -14,8 +14,8 @@
 
 struct ls_spectrum_said {
     char channel[32];
-    Lightstage__Model model;
-    Lightstage__Reference reference;
+    enum lightstage_model model;
+    enum lightstage_reference reference;
     uint32_t segments, inseparable_lights;
     bool blended;                          /* the segments' ratios, in place of a matrix */
     double left_out_error, left_out_share; /* share 0: no estimate */
@@ -35,7 +35,7 @@ struct ls_promotion_report {
 
 /** Keep the first LS_SPECTRA_SAID; replaces what was kept. */
 void ls_promotion_report_keep(struct ls_promotion_report *report,
-                              Lightstage__SpectrumReport *const *spectra, size_t n);
+                              const struct lightstage_spectrum *const *spectra, size_t n);
 
 /** OpenEXR attributes: lightstage/model, the model by which any of the spectra was promoted, else
  * "measured"; lightstage/reference, what it was divided by, else "none"; lightstage/models, each

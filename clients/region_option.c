@@ -21,7 +21,7 @@ static bool next_number(const char **text, uint32_t *out)
     return true;
 }
 
-bool ls_region_option(const char *text, Lightstage__Region *out)
+bool ls_region_option(const char *text, struct lightstage_region *out)
 {
     uint32_t *const values[] = {&out->x, &out->y, &out->width, &out->height};
     for (int i = 0; i < 4; i++) {
@@ -38,7 +38,7 @@ bool ls_level_option(const char *text, uint32_t *out)
     return next_number(&text, out) && *text == '\0' && *out <= LS_LEVEL_MAX;
 }
 
-struct ls_picture_place ls_level_place(const Lightstage__Region *region, uint32_t level,
+struct ls_picture_place ls_level_place(const struct lightstage_region *region, uint32_t level,
                                        uint32_t width, uint32_t height)
 {
     return (struct ls_picture_place){(int32_t)(region->x >> level), (int32_t)(region->y >> level),

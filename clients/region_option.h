@@ -5,21 +5,21 @@
 #ifndef LS_CLIENTS_REGION_OPTION_H
 #define LS_CLIENTS_REGION_OPTION_H
 
+#include "clients/lightstage.h"
 #include "clients/picture_file.h"
-#include "proto/lightstage.pb-c.h"
 
 #include <stdbool.h>
 #include <stddef.h>
 #include <stdint.h>
 
 /** "X,Y,WIDTH,HEIGHT", width and height at least 1. */
-bool ls_region_option(const char *text, Lightstage__Region *out);
+bool ls_region_option(const char *text, struct lightstage_region *out);
 
 /** A level: 0 (full size) to LS_LEVEL_MAX. */
 bool ls_level_option(const char *text, uint32_t *out);
 
 /** Where the pictures of a level lie that were asked for by @region. */
-struct ls_picture_place ls_level_place(const Lightstage__Region *region, uint32_t level,
+struct ls_picture_place ls_level_place(const struct lightstage_region *region, uint32_t level,
                                        uint32_t width, uint32_t height);
 
 /** The number of a camera, from 0. */

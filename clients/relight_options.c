@@ -194,9 +194,8 @@ int ls_relight_options_parse(struct ls_command_context *context, int argc, char 
                                             {"level", required_argument, NULL, 17},
                                             LS_PROMOTION_OPTIONS,
                                             LS_COMMON_OPTIONS};
-    lightstage__promotion__init(&out->promotion);
-    out->promotion.model = LIGHTSTAGE__MODEL__SPHERE;
-    lightstage__region__init(&out->region);
+    out->promotion =
+        (struct lightstage_promotion){.size = sizeof out->promotion, .model = LIGHTSTAGE_SPHERE};
     out->lights = calloc((size_t)argc, sizeof *out->lights);
     out->turns = calloc(LS_RELIGHT_MAX_TURNS, sizeof *out->turns);
     if (!out->lights || !out->turns)

@@ -31,10 +31,10 @@ struct ls_relight_options {
     const struct ls_profile *profile;
     double exposure, max_error;
     bool exposure_given;
-    Lightstage__Promotion promotion;
+    struct lightstage_promotion promotion;
     enum ls_map_space space;
     uint32_t camera;
-    Lightstage__Region region;
+    struct lightstage_region region;
     uint32_t level;
 };
 

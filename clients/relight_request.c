@@ -1,7 +1,5 @@
 #include "clients/relight_request.h"
 
-#include "proto/errors.h"
-
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
@@ -15,7 +13,10 @@ struct asked {
     uint32_t n;
     struct ls_image *images; /* [n] */
     uint64_t rows;           /* that came */
+    bool whole;
     struct ls_relit *result;
+    struct ls_diag *diag;
+    enum ls_err err;
 };
 
 static bool alike(const struct ls_light_weights *a, const struct ls_light_weights *b)
@@ -46,7 +47,7 @@ uint32_t ls_relight_at_once(const struct ls_relight_options *options,
 /* ---- what comes back ---- */
 
 /* A row of M makes one channel of the picture from camera RGB. */
-static void place_target(const double row[3], uint32_t target, const uint8_t *from, size_t n,
+static void place_target(const double row[3], uint32_t target, const char *from, size_t n,
                          float *out)
 {
     for (size_t i = 0; i < n; i++) {
@@ -57,29 +58,28 @@ static void place_target(const double row[3], uint32_t target, const uint8_t *fr
     }
 }
 
-static enum ls_err place_band(struct asked *asked, const struct ls_reply *reply,
-                              struct ls_diag *diag)
+static enum ls_err place_band(struct asked *asked, const struct lightstage_relit *band)
 {
-    const Lightstage__RelightReply *band = (const Lightstage__RelightReply *)reply->message;
     uint32_t each = asked->by_target ? 3 : 1, picture = band->picture / each;
     enum ls_err err = LS_OK;
     if (picture >= asked->n)
-        return ls_fail(diag, LS_ERR_INVALID, "the daemon sent a picture that was not asked for");
+        return ls_fail(asked->diag, LS_ERR_INVALID,
+                       "the daemon sent a picture that was not asked for");
     struct ls_image *image = &asked->images[picture];
     if (!image->pixels)
-        err = ls_image_init(image, band->width, band->height, 3, (size_t)4 << 30, diag);
+        err = ls_image_init(image, band->width, band->height, 3, (size_t)4 << 30, asked->diag);
     if (err)
         return err;
     size_t width = image->width, n = band->n_rows * width;
-    if (band->first_row > image->height || band->n_rows > image->height - band->first_row ||
-        reply->payload_bytes != n * 3 * sizeof(float))
-        return ls_fail(diag, LS_ERR_INVALID, "the daemon sent rows that do not fit the picture");
+    if (band->width != image->width || band->height != image->height)
+        return ls_fail(asked->diag, LS_ERR_INVALID,
+                       "the daemon sent rows that do not fit the picture");
     float *to = image->pixels + (size_t)band->first_row * width * 3;
     if (asked->by_target)
         place_target(asked->document->calibration->m[band->picture % 3], band->picture % 3,
-                     reply->payload, n, to);
+                     band->values, n, to);
     else if (n > 0)
-        memcpy(to, reply->payload, reply->payload_bytes);
+        memcpy(to, band->values, n * 3 * sizeof *to);
     asked->rows += band->n_rows;
     return LS_OK;
 }
@@ -95,13 +95,13 @@ static double most_of_m(const struct asked *asked)
     return asked->by_target ? most : 1;
 }
 
-static enum ls_err keep_report(struct asked *asked, const Lightstage__RelightReply *last,
-                               struct ls_diag *diag)
+static enum ls_err keep_report(struct asked *asked, const struct lightstage_relit *last)
 {
     struct ls_relit *result = asked->result;
     uint64_t rows = (uint64_t)asked->n * (asked->by_target ? 3 : 1) * last->height;
     if (asked->rows != rows)
-        return ls_fail(diag, LS_ERR_INVALID, "the daemon ended before the pictures were whole");
+        return ls_fail(asked->diag, LS_ERR_INVALID,
+                       "the daemon ended before the pictures were whole");
     ls_promotion_report_keep(&result->report, last->spectra, last->n_spectra);
     result->calibrated = last->calibrated;
     if (last->lights_used >= result->lights_used) {
@@ -115,31 +115,18 @@ static enum ls_err keep_report(struct asked *asked, const Lightstage__RelightRep
     return LS_OK;
 }
 
-static enum ls_err receive(struct ls_connection *connection, uint32_t request, struct asked *asked,
-                           struct ls_diag *diag)
+static int take_rows(const struct lightstage_relit *rows, void *user)
 {
-    for (bool last = false; !last;) {
-        struct ls_reply reply;
-        enum ls_err err = ls_connection_receive(connection, request, &reply, diag);
-        if (!err && reply.type != (LS_MESSAGE_RELIGHT | LS_MESSAGE_REPLY))
-            err = ls_fail(diag, LS_ERR_INVALID, "the daemon answered with another message");
-        if (!err)
-            err = place_band(asked, &reply, diag);
-        last = reply.last;
-        if (!err && last)
-            err = keep_report(asked, (const Lightstage__RelightReply *)reply.message, diag);
-        ls_reply_finish(&reply);
-        if (err)
-            return err;
-    }
-    return LS_OK;
+    struct asked *asked = user;
+    asked->err = rows->n_rows ? place_band(asked, rows) : keep_report(asked, rows);
+    asked->whole = !rows->n_rows;
+    return asked->err != LS_OK;
 }
 
 /* ---- asking ---- */
 
-static enum ls_err send(struct ls_command_context *context,
-                        const struct ls_relight_options *options, const struct asked *asked,
-                        const struct ls_light_weights *weights, uint32_t *request)
+static enum ls_err ask(struct ls_command_context *context, const struct ls_relight_options *options,
+                       struct asked *asked, const struct ls_light_weights *weights)
 {
     size_t each = (size_t)weights->n_rows * weights->n_lights;
     LS_CLEANUP_FREE float *rows = malloc(each * asked->n * sizeof *rows);
@@ -147,28 +134,28 @@ static enum ls_err send(struct ls_command_context *context,
         return ls_fail(&context->diag, LS_ERR_NOMEM, "out of memory");
     for (uint32_t k = 0; k < asked->n; k++)
         memcpy(rows + each * k, weights[k].rows, each * sizeof *rows);
-    Lightstage__Relight body = LIGHTSTAGE__RELIGHT__INIT;
-    Lightstage__Region region = options->region;
-    Lightstage__Promotion promotion = options->promotion;
-    body.promotion = &promotion;
-    body.take = (char *)asked->document->id;
-    body.mode = weights->mode;
-    body.n_channels = weights->n_names;
-    body.channels = (char **)weights->names;
-    body.n_lights = weights->n_lights;
-    body.n_pictures = asked->n * (asked->by_target ? 3 : 1);
-    body.region = &region;
-    body.max_error = options->max_error;
-    body.camera = options->camera;
-    body.level = options->level;
-    return ls_connection_send(context->connection, LS_MESSAGE_RELIGHT, &body.base, rows,
-                              each * asked->n * sizeof *rows, request, &context->diag);
-}
-
-static bool too_many(const struct ls_command_context *context, enum ls_err err)
-{
-    return err == LS_ERR_LIMIT || (err == LS_ERR_REFUSED &&
-                                   ls_connection_error(context->connection) == LS_PROTO_OVER_LIMIT);
+    const struct lightstage_relight relight = {
+        .size = sizeof relight,
+        .take = asked->document->id,
+        .mode = weights->mode,
+        .channels = (const char *const *)weights->names,
+        .n_channels = weights->n_names,
+        .n_lights = weights->n_lights,
+        .weights = rows,
+        .n_pictures = asked->n * (asked->by_target ? 3 : 1),
+        .region = options->region,
+        .promotion = &options->promotion,
+        .max_error = options->max_error,
+        .camera = options->camera,
+        .level = options->level,
+    };
+    enum ls_err err = ls_command_said(
+        context, lightstage_relight(context->stage, &relight, take_rows, asked, &context->error));
+    if (asked->err)
+        return ls_fail(&context->diag, asked->err, "%s", asked->diag->text);
+    return err || asked->whole ? err
+                               : ls_fail(&context->diag, LS_ERR_INVALID,
+                                         "the daemon ended before the pictures were whole");
 }
 
 int ls_relight_request(struct ls_command_context *context, const struct ls_relight_options *options,
@@ -176,14 +163,18 @@ int ls_relight_request(struct ls_command_context *context, const struct ls_relig
                        const struct ls_light_weights *weights, uint32_t n, struct ls_image *images,
                        struct ls_relit *result)
 {
-    struct asked asked = {document, weights->by_target, n, images, 0, result};
-    uint32_t request = 0, half = n / 2;
-    enum ls_err err = send(context, options, &asked, weights, &request);
-    if (!err)
-        err = receive(context->connection, request, &asked, &context->diag);
+    struct ls_diag diag = {0};
+    struct asked asked = {.document = document,
+                          .by_target = weights->by_target,
+                          .n = n,
+                          .images = images,
+                          .result = result,
+                          .diag = &diag};
+    uint32_t half = n / 2;
+    enum ls_err err = ask(context, options, &asked, weights);
     if (!err)
         return LS_EXIT_OK;
-    if (n == 1 || !too_many(context, err))
+    if (n == 1 || err != LS_ERR_REFUSED || context->error.number != LIGHTSTAGE_OVER_LIMIT)
         return ls_command_failed(context, err);
     int code = ls_relight_request(context, options, document, weights, half, images, result);
     return code ? code

@@ -246,15 +246,15 @@ bool ls_take_document_polarisers(const struct ls_take_document *d, uint32_t *ver
 int ls_take_document_get(struct ls_command_context *context, const char *take, uint32_t camera,
                          struct ls_take_document **out)
 {
-    Lightstage__TakeShow body = LIGHTSTAGE__TAKE_SHOW__INIT;
-    struct ls_reply reply;
-    body.take = (char *)take;
-    int code = ls_command_call(context, LS_MESSAGE_TAKE_SHOW, &body.base, NULL, 0, &reply);
+    char *text = NULL;
+    int code = ls_command_open(context);
+    if (!code)
+        code = ls_command_answered(
+            context, lightstage_take_show(context->stage, take, &text, &context->error));
     if (code)
         return code;
-    enum ls_err err = ls_take_document_parse((const char *)reply.payload, reply.payload_bytes,
-                                             camera, out, &context->diag);
-    ls_reply_finish(&reply);
+    enum ls_err err = ls_take_document_parse(text, strlen(text), camera, out, &context->diag);
+    lightstage_text_free(text);
     if (err)
         return ls_command_failed(context, err);
     snprintf((*out)->id, sizeof(*out)->id, "%s", take);

@@ -60,7 +60,7 @@ static enum ls_err read_json(const char *path, const struct ls_take_document *do
     if (n < 1 || n > LS_DOCUMENT_CHANNELS)
         return ls_fail(diag, LS_ERR_INVALID,
                        "%.200s: expected weights as {\"channel\": [one per light], ...}", path);
-    out->mode = LIGHTSTAGE__WEIGHT_MODE__SHARED;
+    out->mode = LIGHTSTAGE_SHARED;
     out->n_lights = document->n_lights;
     out->rows = calloc(n * document->n_lights, sizeof(float));
     return out->rows ? read_rows(path, document, root, out, diag)

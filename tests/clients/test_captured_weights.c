@@ -132,7 +132,7 @@ static void another_chart_than_the_calibrations_is_refused(void)
     struct ls_take_document *document = weights_document(true);
     char *folder = captured_folder(document->calibration, 1, TAKE_PATCHES - 1, true);
     g_autofree char *file = g_build_filename(folder, "probe.json", NULL);
-    const struct ls_light_options options = {.model = LIGHTSTAGE__MODEL__SPHERE};
+    const struct ls_light_options options = {.model = LIGHTSTAGE_SPHERE};
     struct ls_environment_file environment;
     struct ls_light_weights weights;
     struct ls_diag diag = {0};

@@ -16,7 +16,7 @@ static void light_of_an_led_is_made_with_that_led(void)
     for (int channel = 0; channel < 2; channel++) {
         struct ls_environment_file environment = weights_lit_by(channel);
         struct ls_light_weights weights = weights_solved(document, &environment, false);
-        g_assert_cmpint(weights.mode, ==, LIGHTSTAGE__WEIGHT_MODE__SHARED);
+        g_assert_cmpint(weights.mode, ==, LIGHTSTAGE_SHARED);
         g_assert_cmpuint(weights.n_names, ==, 2);
         g_assert_cmpstr(weights.names[0], ==, "W");
         g_assert_cmpstr(weights.names[1], ==, "R");
@@ -33,7 +33,7 @@ static void tristimulus_weights_are_the_cameras_reading(void)
     struct ls_take_document *document = weights_document(true);
     struct ls_environment_file environment = weights_lit_by(0);
     struct ls_light_weights weights = weights_solved(document, &environment, true);
-    g_assert_cmpint(weights.mode, ==, LIGHTSTAGE__WEIGHT_MODE__TRISTIMULUS);
+    g_assert_cmpint(weights.mode, ==, LIGHTSTAGE_TRISTIMULUS);
     for (uint32_t c = 0; c < 3; c++)
         weights_assert_row(&weights, c, document->omega_sr,
                            2 * (double)document->calibration->p[0][c], 1e-4);
@@ -105,13 +105,13 @@ static void without_a_calibration_the_maps_numbers_are_used(void)
     struct ls_environment_file environment = weights_constant_map(1, 2, 3);
     struct ls_light_weights weights = weights_solved(document, &environment, false);
     struct ls_diag diag = {0};
-    g_assert_cmpint(weights.mode, ==, LIGHTSTAGE__WEIGHT_MODE__TRISTIMULUS);
+    g_assert_cmpint(weights.mode, ==, LIGHTSTAGE_TRISTIMULUS);
     g_assert_nonnull(weights.warning);
     for (uint32_t c = 0; c < 3; c++)
         weights_assert_row(&weights, c, document->omega_sr, 1 + c, 1e-5);
     ls_light_weights_finish(&weights);
     environment = weights_lit_by(0);
-    const struct ls_light_options spectral = {.model = LIGHTSTAGE__MODEL__SPHERE};
+    const struct ls_light_options spectral = {.model = LIGHTSTAGE_SPHERE};
     g_assert_cmpint(ls_light_weights_make(document, &environment, &spectral, &weights, &diag), ==,
                     LS_ERR_UNSUPPORTED);
     g_assert_nonnull(strstr(diag.text, "RGB map"));
@@ -236,7 +236,7 @@ static void a_model_uses_the_spectra_it_is_served(void)
         for (int model = 0; model < 5; model++) {
             struct ls_take_document *document = a_document_with(cases[i].kind, cases[i].pattern);
             struct ls_environment_file environment = weights_lit_by(1);
-            const struct ls_light_options options = {.model = (Lightstage__Model)model};
+            const struct ls_light_options options = {.model = (enum lightstage_model)model};
             struct ls_light_weights weights;
             struct ls_diag diag = {0};
             enum ls_err err =

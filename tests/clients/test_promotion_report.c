@@ -6,15 +6,15 @@
 /* A as a matrix made it, B as a blend did. */
 static struct ls_promotion_report two_fitted(void)
 {
-    Lightstage__SpectrumReport matrix, blend, *const both[] = {&matrix, &blend};
+    static const struct lightstage_spectrum matrix = {.channel = "A",
+                                                      .model = LIGHTSTAGE_LINEAR,
+                                                      .segments = 14},
+                                            blend = {.channel = "B",
+                                                     .model = LIGHTSTAGE_LINEAR,
+                                                     .segments = 14,
+                                                     .blended = 1};
+    static const struct lightstage_spectrum *const both[] = {&matrix, &blend};
     struct ls_promotion_report report;
-    lightstage__spectrum_report__init(&matrix);
-    matrix.channel = (char *)"A";
-    matrix.model = LIGHTSTAGE__MODEL__LINEAR;
-    matrix.segments = 14;
-    blend = matrix;
-    blend.channel = (char *)"B";
-    blend.blended = true;
     ls_promotion_report_keep(&report, both, 2);
     return report;
 }

@@ -31,7 +31,7 @@ static void every_solve_and_method_finds_the_led(void)
     for (int k = 0; k < 8; k++) {
         struct ls_environment_file environment = weights_lit_by(1);
         const struct ls_light_options options = {
-            .model = LIGHTSTAGE__MODEL__SPHERE,
+            .model = LIGHTSTAGE_SPHERE,
             .solve = k & 1 ? LS_LIGHT_PER_TARGET : LS_LIGHT_SHARED,
             .method = k & 2 ? LS_LIGHT_METHOD_LEAST_SQUARES : LS_LIGHT_METHOD_NNLS,
             .smooth = k & 4};
@@ -65,7 +65,7 @@ static struct ls_light_weights solve_damped(const struct ls_take_document *docum
                                             double tikhonov, const struct ls_row_weights *rows)
 {
     struct ls_environment_file environment = weights_constant_map(0.8f, 0.5f, 0.3f);
-    const struct ls_light_options options = {.model = LIGHTSTAGE__MODEL__SPHERE,
+    const struct ls_light_options options = {.model = LIGHTSTAGE_SPHERE,
                                              .method = LS_LIGHT_METHOD_LEAST_SQUARES,
                                              .damped = true,
                                              .tikhonov = tikhonov,
@@ -125,8 +125,7 @@ static void a_row_counts_as_much_as_it_is_told(void)
         document->calibration->L[i] *= 2;
     for (int k = 0; k < 3; k++) {
         struct ls_environment_file environment = weights_lit_by(1);
-        const struct ls_light_options options = {.model = LIGHTSTAGE__MODEL__SPHERE,
-                                                 .rows = given[k]};
+        const struct ls_light_options options = {.model = LIGHTSTAGE_SPHERE, .rows = given[k]};
         struct ls_light_weights weights;
         g_assert_cmpint(ls_light_weights_make(document, &environment, &options, &weights, NULL), ==,
                         LS_OK);

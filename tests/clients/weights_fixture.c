@@ -54,7 +54,7 @@ struct ls_light_weights weights_solved(const struct ls_take_document *document,
 {
     struct ls_light_weights weights;
     struct ls_diag diag = {0};
-    const struct ls_light_options options = {.model = LIGHTSTAGE__MODEL__SPHERE,
+    const struct ls_light_options options = {.model = LIGHTSTAGE_SPHERE,
                                              .solve = tristimulus ? LS_LIGHT_TRISTIMULUS
                                                                   : LS_LIGHT_SPECTRAL};
     enum ls_err err = ls_light_weights_make(document, environment, &options, &weights, &diag);
