@@ -286,9 +286,20 @@ static void read_work_light(struct ls_conf *daemon, struct ls_config *config)
 
 static void read_daemon(struct ls_conf *c, struct ls_config *config, const char *path)
 {
-    long cpus = sysconf(_SC_NPROCESSORS_ONLN);
     config->storage = ls_conf_beside(path, ls_conf_need_string(c, "storage"));
     config->socket_path = ls_conf_beside(path, ls_conf_need_string(c, "socket"));
+    config->reserve_bytes =
+        (uint64_t)ls_conf_int(c, "reserve_bytes", 64 << 20, 0, INT64_C(1) << 50);
+    config->max_connections = (uint32_t)ls_conf_int(c, "max_connections", 128, 1, 4096);
+    config->max_connections_each = (uint32_t)ls_conf_int(c, "max_connections_each", 64, 1, 4096);
+    ls_conf_access(c, &config->access);
+    ls_conf_listen(c, &config->listen, &config->access);
+}
+
+/* What takes are made with. */
+static void read_stage(struct ls_conf *c, struct ls_config *config, const char *path)
+{
+    long cpus = sysconf(_SC_NPROCESSORS_ONLN);
     config->calibration_path = ls_conf_beside(path, ls_conf_string(c, "calibration", NULL));
     config->merge_threads = (uint32_t)ls_conf_int(c, "merge_threads",
                                                   cpus < 1   ? 1
@@ -297,20 +308,25 @@ static void read_daemon(struct ls_conf *c, struct ls_config *config, const char 
                                                   1, 64);
     config->ring_slots = (uint32_t)ls_conf_int(c, "ring_slots", 32, 16, 1024);
     config->retries = (uint32_t)ls_conf_int(c, "retries", 3, 0, 100);
-    config->reserve_bytes =
-        (uint64_t)ls_conf_int(c, "reserve_bytes", 64 << 20, 0, INT64_C(1) << 50);
     config->queue_bytes =
         (uint64_t)ls_conf_int(c, "queue_bytes", 256 << 20, 1 << 20, INT64_C(1) << 40);
-    config->max_connections = (uint32_t)ls_conf_int(c, "max_connections", 128, 1, 4096);
-    config->max_connections_each = (uint32_t)ls_conf_int(c, "max_connections_each", 64, 1, 4096);
-    ls_conf_access(c, &config->access);
-    ls_conf_listen(c, &config->listen, &config->access);
     read_controller(c, &config->lights_driver);
     LS_CLEANUP_FREE char *rig = ls_conf_beside(path, ls_conf_need_string(c, "rig"));
     if (!c->err)
         read_rig(config, rig, c);
     if (!c->err)
         read_work_light(c, config);
+}
+
+/* Where nothing is said of a stage there is none. */
+static bool has_stage(const config_t *tree)
+{
+    static const char *const keys[] = {"rig",        "controller", "calibration", "merge_threads",
+                                       "ring_slots", "retries",    "queue_bytes", "work_light"};
+    for (size_t i = 0; i < sizeof keys / sizeof *keys; i++)
+        if (config_lookup(tree, keys[i]))
+            return true;
+    return false;
 }
 
 enum ls_err ls_config_load(const char *path, struct ls_config **out, struct ls_diag *diag)
@@ -331,6 +347,8 @@ enum ls_err ls_config_load(const char *path, struct ls_config **out, struct ls_d
     } else {
         ls_conf_begin(&c, config_root_setting(&tree), path, diag);
         read_daemon(&c, config, path);
+        if (has_stage(&tree))
+            read_stage(&c, config, path);
         err = ls_conf_finish(&c);
     }
     config_destroy(&tree);

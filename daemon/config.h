@@ -54,6 +54,7 @@ struct ls_config_light {
     uint32_t address;    /* of the controller */
 };
 
+/** Without a rig (n_lights 0) takes are served and none are made. */
 struct ls_config {
     char *storage, *socket_path, *calibration_path; /* calibration may be NULL */
     struct ls_lights_config lights_driver;

@@ -168,6 +168,14 @@ enum ls_err ls_engine_busy(const struct ls_engine *e, struct ls_diag *diag)
     return ls_fail(diag, LS_ERR_BUSY, "take %s is running: wait for it or abort it", e->status.id);
 }
 
+enum ls_err ls_engine_need_rig(const struct ls_engine *e, struct ls_diag *diag)
+{
+    return e->config->n_lights > 0
+               ? LS_OK
+               : ls_fail(diag, LS_ERR_UNSUPPORTED,
+                         "this daemon serves takes and makes none: its configuration names no rig");
+}
+
 /* ---- the live view ---- */
 
 struct ls_preview *ls_engine_preview(struct ls_engine *e)
@@ -183,6 +191,9 @@ struct ls_events *ls_engine_events(struct ls_engine *e)
 enum ls_err ls_engine_frame(struct ls_engine *e, const struct ls_framing_wish *wish,
                             struct ls_diag *diag)
 {
+    enum ls_err err = ls_engine_need_rig(e, diag);
+    if (err)
+        return err;
     if (e->take)
         return ls_engine_busy(e, diag);
     if (ls_engine_prepares(e))

@@ -82,7 +82,8 @@ struct ls_request {
 /** Called on ls-main when a take's status changed and every 100 ms while it runs. */
 typedef void ls_take_callback(void *user, const struct ls_take_status *status);
 
-/** Connects to nothing yet: devices are opened at the first call that needs them. */
+/** Connects to nothing yet: devices are opened at the first call that needs them; without a rig such
+ * calls are answered LS_ERR_UNSUPPORTED, but for the status. */
 LS_MUST_CHECK enum ls_err ls_engine_create(const struct ls_config *config,
                                            ls_take_callback *callback, void *user,
                                            struct ls_engine **out, struct ls_diag *diag);

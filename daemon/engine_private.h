@@ -48,6 +48,9 @@ void ls_engine_launch(struct ls_engine *engine, struct ls_take *take, const char
 /** That a take runs: LS_ERR_BUSY. */
 enum ls_err ls_engine_busy(const struct ls_engine *engine, struct ls_diag *diag);
 
+/** LS_ERR_UNSUPPORTED where there is no rig, else LS_OK. */
+LS_MUST_CHECK enum ls_err ls_engine_need_rig(const struct ls_engine *engine, struct ls_diag *diag);
+
 void ls_engine_remember(struct ls_engine *engine, const char *token);
 void ls_engine_notify(struct ls_engine *engine);
 

@@ -122,18 +122,19 @@ static gboolean on_signal(gpointer user)
     return G_SOURCE_CONTINUE;
 }
 
-/* @make: where there is none. */
-static enum ls_err prepare_storage(const char *path, bool make, struct ls_diag *diag)
+/* @make: where there is none. @write: takes are made. */
+static enum ls_err prepare_storage(const char *path, bool make, bool write, struct ls_diag *diag)
 {
     struct stat info;
-    if (!make && access(path, F_OK) && errno == ENOENT)
+    if (!make && write && access(path, F_OK) && errno == ENOENT)
         return LS_OK; /* made at the start */
     if ((make && mkdir(path, 0777) && errno != EEXIST) || stat(path, &info))
         return ls_fail(diag, LS_ERR_OS, "storage folder %s: %m", path);
     if (!S_ISDIR(info.st_mode))
         return ls_fail(diag, LS_ERR_INVALID, "storage folder %s: it is no folder", path);
-    if (access(path, R_OK | W_OK | X_OK))
-        return ls_fail(diag, LS_ERR_OS, "storage folder %s cannot be written: %m", path);
+    if (access(path, R_OK | X_OK | (write ? W_OK : 0)))
+        return ls_fail(diag, LS_ERR_OS, "storage folder %s cannot be %s: %m", path,
+                       write ? "written" : "read");
     return LS_OK;
 }
 
@@ -145,7 +146,8 @@ static enum ls_err prepare(struct daemon *d, const struct options *o, struct ls_
     if (!err)
         err = ls_arrivals_check(&d->config->listen, diag);
     if (!err)
-        err = prepare_storage(d->config->storage, !o->check, diag);
+        err = prepare_storage(d->config->storage, !o->check && d->config->n_lights > 0,
+                              d->config->n_lights > 0, diag);
     return err ? err : ls_engine_create(d->config, on_take, d, &d->engine, diag);
 }
 
@@ -171,6 +173,8 @@ static void say_ready(const struct daemon *d, int fd)
     const char *remote = ls_server_remote_address(d->server);
     fprintf(stderr, "lightstaged %s: listening on %s%s%s\n", LS_VERSION, d->config->socket_path,
             remote ? " and at tls://" : "", remote ? remote : "");
+    if (d->config->n_lights == 0)
+        missing[0] = 0; /* serving needs none */
     if (missing[0])
         fprintf(stderr, "lightstaged: running without %s\n", missing);
     ls_supervisor_ready(missing[0] ? "running without some privileges, see the log" : "ready");
@@ -205,6 +209,8 @@ int main(int argc, char **argv)
         err = listen_for_clients(&d, &diag);
     if (err)
         fprintf(stderr, "lightstaged: %s\n", diag.text);
+    else if (o.check && d.config->n_lights == 0)
+        printf("%s: good: serves the takes of %s, without a rig\n", o.config, d.config->storage);
     else if (o.check)
         printf("%s: good: %u lights, %u channels, %u cameras\n", o.config, d.config->n_lights,
                d.config->n_channels, d.config->n_cameras);

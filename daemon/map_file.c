@@ -30,6 +30,13 @@ static int open_unnamed(const char *folder)
     return fd < 0 && (errno == EOPNOTSUPP || errno == EISDIR) ? open_named(folder) : fd;
 }
 
+/* Takes on a disk that is only read are served too. */
+static int open_beside(const char *folder)
+{
+    int fd = open_unnamed(folder);
+    return fd < 0 && (errno == EROFS || errno == EACCES) ? open_unnamed("/var/tmp") : fd;
+}
+
 static enum ls_err failed(const char *folder, size_t bytes, int error, struct ls_diag *diag)
 {
     bool full = error == ENOSPC || error == EDQUOT || error == EFBIG;
@@ -57,7 +64,7 @@ static enum ls_err check_spare(int fd, const char *folder, size_t bytes, uint64_
 enum ls_err ls_map_file_create(struct ls_map_file *map, const char *folder, size_t bytes,
                                uint64_t spare_bytes, struct ls_diag *diag)
 {
-    int fd = open_unnamed(folder);
+    int fd = open_beside(folder);
     if (fd < 0)
         return failed(folder, bytes, errno, diag);
     enum ls_err err = check_spare(fd, folder, bytes, spare_bytes, diag);

@@ -2,10 +2,10 @@
  * map_file: room for a derived map on disk instead of on the heap.
  * Layer: daemon. Threads: one at a time; what it holds, any. Ownership: the caller's; see finish.
  *
- * A file without a name in the storage folder, mapped: the kernel may write its pages out and read
- * them back, so maps of many spectra cost no memory that is needed for something else, and nothing
- * is left behind, whatever happens to the process. All of it is allocated at once: a full disk is
- * an error here, never a signal later.
+ * A file without a name in the storage folder, or in /var/tmp where that cannot be written, mapped:
+ * the kernel may write its pages out and read them back, so maps of many spectra cost no memory that
+ * is needed for something else, and nothing is left behind, whatever happens to the process. All of
+ * it is allocated at once: a full disk is an error here, never a signal later.
  */
 #ifndef LS_DAEMON_MAP_FILE_H
 #define LS_DAEMON_MAP_FILE_H

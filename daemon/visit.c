@@ -196,8 +196,19 @@ void ls_engine_withdraw(struct ls_request *request, bool stop)
 
 /* ---- what is asked ---- */
 
+/* True: it is answered. */
+static bool refused(struct ls_engine *e, struct ls_request *request)
+{
+    enum ls_err err = ls_engine_need_rig(e, &request->diag);
+    if (err)
+        answer(request, err);
+    return err;
+}
+
 void ls_engine_preflight(struct ls_engine *e, const char *plan_text, struct ls_request *request)
 {
+    if (refused(e, request))
+        return;
     if (e->take) {
         answer(request, ls_engine_busy(e, &request->diag));
         return;
@@ -235,6 +246,8 @@ static void prepare_take(struct ls_visit *v)
 void ls_engine_start(struct ls_engine *e, const char *name, const char *plan_text,
                      const char *token, struct ls_request *request)
 {
+    if (refused(e, request))
+        return;
     enum ls_err err = check_token(token, &request->diag);
     if (err) {
         answer(request, err);
@@ -250,6 +263,8 @@ void ls_engine_start(struct ls_engine *e, const char *name, const char *plan_tex
 void ls_engine_resume(struct ls_engine *e, const char *take_id, const char *token,
                       struct ls_request *request)
 {
+    if (refused(e, request))
+        return;
     enum ls_err err = check_token(token, &request->diag);
     if (err) {
         answer(request, err);
@@ -263,6 +278,8 @@ void ls_engine_resume(struct ls_engine *e, const char *take_id, const char *toke
 
 void ls_engine_blank(struct ls_engine *e, struct ls_request *request)
 {
+    if (refused(e, request))
+        return;
     ls_engine_stop_visits(e, true);
     if (e->take) {
         ls_take_blank(e->take); /* the sequencer blanks first of all */
@@ -295,6 +312,10 @@ void ls_engine_status(struct ls_engine *e, struct ls_request *request)
     if (!statvfs(e->config->storage, &fs))
         out->disk_free_bytes = (uint64_t)fs.f_bavail * fs.f_frsize;
     snprintf(out->calibration, sizeof out->calibration, "%s", e->calibration ? "given" : "none");
+    if (e->config->n_lights == 0) {
+        answer(request, LS_OK);
+        return;
+    }
     if (!e->take && !e->framing) {
         ls_probe_look(e->probe, &request->look);
         return;

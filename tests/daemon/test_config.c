@@ -171,6 +171,23 @@ static void test_wrong_keys_and_values_are_refused(struct fixture *f, gconstpoin
     assert_refused(f, "storage: missing");
 }
 
+static void test_without_a_stage_takes_are_only_served(struct fixture *f, gconstpointer unused)
+{
+    struct ls_diag diag = {0};
+    write_file(f, "daemon.conf", "storage = \"takes\"; socket = \"s.sock\"; max_connections = 7;");
+    struct ls_config *c = load(f, &diag);
+    g_assert_cmpstr(diag.text, ==, "");
+    g_assert_cmpuint(c->n_lights, ==, 0);
+    g_assert_cmpuint(c->n_cameras, ==, 0);
+    g_assert_cmpuint(c->max_connections, ==, 7);
+    ls_config_destroy(c);
+    write_file(f, "daemon.conf", "storage = \"takes\"; socket = \"s.sock\"; ring_slots = 32;");
+    assert_refused(f, "controller: missing");
+    write_file(f, "daemon.conf",
+               "storage = \"t\"; socket = \"s\"; controller = { address = \"a\"; };");
+    assert_refused(f, "rig: missing");
+}
+
 static void test_wrong_rigs_are_refused_with_their_line(struct fixture *f, gconstpointer unused)
 {
     char *rig = rig_text("camera = 1;");
@@ -369,6 +386,8 @@ int main(int argc, char **argv)
           test_the_work_light_is_a_channel_of_the_rig);
     FIXED("/config/who-may-come-is-read", test_who_may_come_is_read);
     FIXED("/config/wrong-keys-and-values-are-refused", test_wrong_keys_and_values_are_refused);
+    FIXED("/config/without-a-stage-takes-are-only-served",
+          test_without_a_stage_takes_are_only_served);
     FIXED("/config/wrong-rigs-are-refused-with-their-line",
           test_wrong_rigs_are_refused_with_their_line);
     g_test_add_func("/config/positions-are-converted-to-the-stage-frame",
