@@ -5,7 +5,7 @@
 #ifndef LS_CLIENTS_COMMAND_H
 #define LS_CLIENTS_COMMAND_H
 
-#include "clients/connection.h"
+#include "clients/command_file.h"
 #include "clients/lightstage.h"
 #include "core/error.h"
 
@@ -29,12 +29,12 @@ enum ls_exit {
 
 struct ls_command_context {
     const char *socket_path;
-    struct ls_remote remote; /* with a url: in place of the socket */
+    const char *server; /* of another machine, with the three below: in place of the socket */
+    const char *certificate, *key, *authority;
     bool json;
     bool quiet; /* takes are part of something longer: what they come to goes to standard error */
-    struct ls_connection *connection; /* NULL until ls_command_connect */
-    struct lightstage *stage;         /* NULL until ls_command_open */
-    struct lightstage_error error;    /* what a call of the library said last */
+    struct lightstage *stage;      /* NULL until ls_command_open */
+    struct lightstage_error error; /* what a call of the library said last */
     struct ls_diag diag;
 };
 
@@ -96,9 +96,6 @@ int ls_command_wrong(const char *fmt, ...) LS_PRINTF(1, 2);
 /** Before the process ends with @code: a success that could not be said is none (LS_EXIT_USAGE). */
 int ls_command_end(int code);
 
-/** Connect if that has not been done. LS_EXIT_OK, or the sentence printed and its exit code. */
-int ls_command_connect(struct ls_command_context *context);
-
 /** Print context->diag and return the exit code for a failed call. */
 int ls_command_failed(struct ls_command_context *context, enum ls_err err);
 
@@ -118,37 +115,10 @@ int ls_command_answered(struct ls_command_context *context, uint32_t number);
  * nothing is lost, call again. */
 LS_MUST_CHECK enum ls_err ls_command_wait(struct ls_command_context *context, uint32_t request);
 
-/** One request, one answer. LS_EXIT_OK, or printed and its exit code. Finish @reply. */
-int ls_command_call(struct ls_command_context *context, uint16_t type, const ProtobufCMessage *body,
-                    const void *payload, size_t payload_bytes, struct ls_reply *reply);
-
 /** Print @object (transfer full) as indented JSON on stdout. */
 void ls_command_print_json(json_t *object);
 
 /** printf to stdout, for text from the daemon: control characters but line ends become '?'. */
 void ls_say(const char *fmt, ...) LS_PRINTF(1, 2);
-
-const char *ls_clean(char *text);
-
-/** Read a whole file of at most @limit bytes. *bytes: (transfer full), NUL-terminated. */
-LS_MUST_CHECK enum ls_err ls_command_read_file(const char *path, size_t limit, char **bytes,
-                                               size_t *n, struct ls_diag *diag);
-
-/** Read a whole file of at most @limit bytes of JSON, without duplicate keys. *root: (transfer
- * full). Errors: those of reading, LS_ERR_INVALID with the line. */
-LS_MUST_CHECK enum ls_err ls_command_read_json(const char *path, size_t limit, json_t **root,
-                                               struct ls_diag *diag);
-
-/**
- * Write a whole file. A regular file, or none: written beside it under a name of its own, then
- * renamed over it, so that there is never half a file. A link: what it points at. Anything else (a
- * pipe, a device): written into.
- */
-LS_MUST_CHECK enum ls_err ls_command_write_file(const char *path, const void *bytes, size_t n,
-                                                struct ls_diag *diag);
-
-/** Could ls_command_write_file write here, as far as can be seen without writing? For what takes
- * long to make. LS_ERR_INVALID, with the reason. */
-LS_MUST_CHECK enum ls_err ls_command_check_writable(const char *path, struct ls_diag *diag);
 
 #endif

@@ -5,8 +5,6 @@
 
 #include <errno.h>
 #include <stdio.h>
-#include <poll.h>
-#include <signal.h>
 #include <stdbool.h>
 #include <stdlib.h>
 #include <string.h>
@@ -23,7 +21,6 @@ struct ls_connection {
     struct ls_secure *secure; /* NULL: fd is a plain socket of ours, else it is secure's */
     uint32_t last_request;
     uint32_t error;
-    int let_in; /* a signal; 0: none */
     struct ls_frame_decoder decoder;
     bool frame_taken; /* the decoder's frame has been handed out */
     uint8_t *in;
@@ -112,21 +109,6 @@ enum ls_err ls_connection_send(struct ls_connection *connection, uint16_t type,
     return err == LS_ERR_GONE ? LS_OK : err;
 }
 
-void ls_connection_let_in(struct ls_connection *connection, int signal_number)
-{
-    connection->let_in = signal_number;
-}
-
-static bool interrupted_waiting(const struct ls_connection *connection)
-{
-    struct pollfd wait = {.fd = connection->fd, .events = POLLIN};
-    sigset_t mask;
-    pthread_sigmask(SIG_SETMASK, NULL, &mask);
-    if (connection->let_in)
-        sigdelset(&mask, connection->let_in);
-    return ppoll(&wait, 1, NULL, &mask) < 0 && errno == EINTR;
-}
-
 static enum ls_err read_plain(struct ls_connection *connection, size_t *n, struct ls_diag *diag)
 {
     ssize_t got = recv(connection->fd, connection->in, READ_BYTES, 0);
@@ -140,8 +122,6 @@ static enum ls_err read_more(struct ls_connection *connection, struct ls_diag *d
 {
     struct ls_secure *secure = connection->secure;
     size_t n = 0;
-    if (!(secure && ls_secure_has_bytes(secure)) && interrupted_waiting(connection))
-        return ls_fail(diag, LS_ERR_ABORTED, "interrupted");
     enum ls_err err = secure ? ls_secure_read(secure, connection->in, READ_BYTES, &n, diag)
                              : read_plain(connection, &n, diag);
     if (err)

@@ -61,13 +61,6 @@ LS_MUST_CHECK enum ls_err ls_connection_call(struct ls_connection *connection, u
                                              size_t payload_bytes, struct ls_reply *reply,
                                              struct ls_diag *diag);
 
-/**
- * From now on @signal_number comes in while bytes are waited for, even where the thread blocks it: a
- * program that blocks it everywhere else cannot miss one between looking at what its handler counts
- * and waiting. Without this no call changes which signals come. 0: none.
- */
-void ls_connection_let_in(struct ls_connection *connection, int signal_number);
-
 /** Number (proto/errors.h) of the last Error, 0 if there was none. */
 uint32_t ls_connection_error(const struct ls_connection *connection);
 

@@ -112,7 +112,6 @@ static int command_line(int argc, char **argv)
         return LS_EXIT_USAGE;
     }
     int code = run(&context, argc - optind, argv + optind);
-    ls_connection_close(context.connection);
     lightstage_close(context.stage);
     return code;
 }

@@ -18,6 +18,9 @@ MAY_INCLUDE = {
     "sim": {"sim", "core"},
 }
 EXTRA = {"sim": {"drivers/lights_wire.h"}}
+# of clients: what makes the library. All else has the library's header and core alone.
+OF_LIBRARY = re.compile(r"clients/(library(_\w+)?|connection|secure)\.[ch]$")
+BEHIND_LIBRARY = re.compile(r"lightstage__|protobuf_c_|ls_(connection|library|secure|frame|message|proto|tls)_")
 TOP_LEVEL = {"daemon", "proto", "drivers", "core", "clients", "tests", "sim", "meson.build",
              "README.md", "LICENSE", "meson_options.txt"}
 # descriptors, threads, GLib: what core must not reach for
@@ -32,25 +35,50 @@ def files(root, room, suffix):
                 yield os.path.join(folder, name)
 
 
+def included(path, pattern):
+    for number, line in enumerate(open(path, encoding="utf-8"), 1):
+        found = re.match(r"\s*#\s*include\s+" + pattern, line)
+        if found:
+            yield number, found.group(1)
+
+
+def sources(root, room):
+    return list(files(root, room, ".c")) + list(files(root, room, ".h"))
+
+
 def check_includes(root):
     wrong = []
     for room, allowed in MAY_INCLUDE.items():
-        for path in list(files(root, room, ".c")) + list(files(root, room, ".h")):
-            for number, line in enumerate(open(path, encoding="utf-8"), 1):
-                found = re.match(r'\s*#\s*include\s+"([^"]+)"', line)
-                if not found:
-                    continue
-                target = found.group(1)
-                if target.split("/")[0] not in allowed and target not in EXTRA.get(room, ()):
-                    wrong.append(f"{os.path.relpath(path, root)}:{number}: {room} may not include "
-                                 f"{target}")
+        for path in sources(root, room):
+            wrong += [f"{os.path.relpath(path, root)}:{number}: {room} may not include {target}"
+                      for number, target in included(path, '"([^"]+)"')
+                      if target.split("/")[0] not in allowed and target not in EXTRA.get(room, ())]
     return wrong
 
 
+def check_library_alone(root, build):
+    """What lightstagectl and the other clients include, and what lightstagectl calls."""
+    wrong = []
+    for path in sources(root, "clients"):
+        name = os.path.relpath(path, root)
+        if not OF_LIBRARY.match(name):
+            wrong += [f"{name}:{number}: speaks by lightstage.h alone, not by {target}"
+                      for number, target in included(path, r'["<]([^">]+)[">]')
+                      if target.startswith("proto") or OF_LIBRARY.match(target)]
+    calls = undefined(os.path.join(build, "clients", "liblightstagectl.a"))
+    if "lightstage_connect" not in calls:
+        return ["nm shows no calls of lightstagectl at all"]
+    return wrong + [f"lightstagectl calls {name}" for name in sorted(calls)
+                    if BEHIND_LIBRARY.match(name)]
+
+
+def undefined(archive):
+    text = subprocess.run(["nm", "-u", archive], capture_output=True, text=True, check=True).stdout
+    return {line.split()[-1] for line in text.splitlines() if line.strip().startswith("U ")}
+
+
 def check_core_symbols(build):
-    text = subprocess.run(["nm", "-u", os.path.join(build, "core", "libcore.a")],
-                          capture_output=True, text=True, check=True).stdout
-    names = {line.split()[-1] for line in text.splitlines() if line.strip().startswith("U ")}
+    names = undefined(os.path.join(build, "core", "libcore.a"))
     if "malloc" not in names:
         return ["nm shows no calls of core at all"]
     return [f"core calls {name}" for name in sorted(names) if FORBIDDEN.match(name)]
@@ -94,6 +122,7 @@ def main():
     cc = sys.argv[4:] or ["gcc"]
     checks = [
         ("every include stays within its layer", lambda: check_includes(root)),
+        ("lightstagectl speaks by the library alone", lambda: check_library_alone(root, build)),
         ("core calls no descriptors, threads or GLib", lambda: check_core_symbols(build)),
         ("the top level holds what it should", lambda: check_top_level(root)),
         ("every header compiles alone", lambda: check_headers(root, build, cc)),
