@@ -1,5 +1,5 @@
 #!/usr/bin/python3 -B
-"""Does the manual name every key, command and option there is? And bash complete them?
+"""Does the manual name every key, command, option and error there is? And bash complete them?
 
 usage: manual.py SOURCE_ROOT BUILD_ROOT LIGHTSTAGECTL     speaks TAP
 
@@ -88,9 +88,21 @@ def check_completion():
     return wrong + [f"{name} is not completed" for name in sorted(missing)]
 
 
+def check_errors():
+    """Each number of errors.h, and its word, in PROTOCOL.md's table."""
+    numbers = re.findall(r"(LS_PROTO_\w+) = (\d+)", read(ROOT, "proto", "errors.h"))
+    words = dict(re.findall(r'case (LS_PROTO_\w+):\s+return "([^"]+)";',
+                            read(ROOT, "proto", "errors.c")))
+    table = read(ROOT, "proto", "PROTOCOL.md")
+    assert len(numbers) > 20, numbers
+    return [f"PROTOCOL.md does not list {number} {words.get(name)}" for name, number in numbers
+            if f"| {number} | {words.get(name)} |" not in table]
+
+
 def main():
     checks = (("every key of a file stands in its page", check_keys),
               ("every command and option stands in lightstagectl(1)", check_commands),
+              ("the protocol lists every error", check_errors),
               ("bash completes commands and options", check_completion))
     print(f"1..{len(checks)}")
     failed = 0

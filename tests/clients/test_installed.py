@@ -48,6 +48,24 @@ def says_that_nobody_answers(folder, library, flags, compiler, standard):
     assert done.returncode == 1 and done.stderr.startswith("1: no lightstaged answers"), done
 
 
+def check_program(folder, library):
+    program = next(os.path.join(f, "lightstagectl") for f, _, names in os.walk(folder)
+                   if "lightstagectl" in names and f.endswith("/bin"))
+    version = output(program, "--version", env={**os.environ, "LD_LIBRARY_PATH": library})
+    assert version.startswith("lightstagectl "), version
+    needed = output("readelf", "-d", program)
+    assert "[liblightstage.so.0]" in needed and "protobuf" not in needed, needed
+
+
+def check_protocol(folder):
+    found = {name: f for f, _, names in os.walk(folder) for name in names}
+    for name in "PROTOCOL.md", "lightstage.proto":
+        assert found.get(name, "").endswith("/share/doc/lightstaged"), found.get(name)
+        with open(os.path.join(found[name], name), "rb") as there, \
+                open(os.path.join(ROOT, "proto", name), "rb") as here:
+            assert there.read() == here.read(), name
+
+
 def check_symbols(library):
     header = open(os.path.join(ROOT, "clients", "lightstage.h"), encoding="utf-8").read()
     header = re.sub(r"/\*.*?\*/", "", header, flags=re.S)
@@ -65,6 +83,8 @@ def main():
         library, flags = install(folder)
         checks = [
             ("the library shows what its header declares", lambda: check_symbols(library)),
+            ("lightstagectl speaks by the library", lambda: check_program(folder, library)),
+            ("the protocol is written down beside it", lambda: check_protocol(folder)),
             ("the example is strict C99", lambda: says_that_nobody_answers(
                 folder, library, flags, "gcc", ["-std=c99", "-pedantic"])),
             ("the example is C++", lambda: says_that_nobody_answers(
