@@ -19,12 +19,12 @@ def header(data, at):
 
 
 def channels(value):
-    """(name, dtype) of a chlist, in file order."""
+    """(name without its layer, dtype) of a chlist, in file order."""
     at, found = 0, []
     while value[at]:
         end = value.index(b"\0", at)
         kind, = struct.unpack_from("<i", value, end + 1)
-        found.append((value[at:end].decode(), TYPES[kind]))
+        found.append((value[at:end].decode().rsplit(".", 1)[-1], TYPES[kind]))
         at = end + 17
     return found
 

@@ -62,7 +62,8 @@ def test_export_writes_what_fetch_brings_and_skips_what_is_whole(folder):
     if shutil.which("oiiotool"):
         said = subprocess.run(["oiiotool", "--info", "-v", "-a", files[1]], check=True,
                               capture_output=True, text=True).stdout
-        for words in ("6 subimages", "lightstage/light: 7", "lightstage/units: \"R\"", "lightstage/position:",
+        for words in ("6 subimages", "channel list: W.R, W.G, W.B", "channel list: B.R, B.G, B.B",
+                      "oiio:subimagename: \"A\"", "lightstage/light: 7", "lightstage/units: \"R\"", "lightstage/position:",
                       "worldToCamera", "tile size: 64 x 64"):
             assert words in said, (words, said)
     else:
