@@ -61,6 +61,7 @@ static void assert_the_same_in_place(const struct ls_exr_mosaic *mosaic, const u
     g_assert_cmpmem(place, got, bytes, n);
     memset(place, 0xa5, room);
     g_assert_cmpint(ls_exr_write_mosaic_to(mosaic, place, n - 1, &got, &diag), ==, LS_ERR_NOMEM);
+    g_assert_cmpint(ls_exr_write_mosaic_to(mosaic, place, 100, &got, &diag), ==, LS_ERR_NOMEM);
     g_assert_cmpuint(place[n - 1], ==, 0xa5);
     g_free(place);
 }

@@ -36,7 +36,7 @@ def test_a_daemon_without_a_rig_serves_takes_and_refuses_what_needs_one(folder):
     assert take in ask("take", "list")
     assert "not connected" in ask("status")
     plan = rig.path("plan.conf")
-    for words in (("blank",), ("preflight", plan), ("take", "start", "--name", "x", "--plan", plan),
+    for words in (("blank",), ("preflight", "--plan", plan), ("take", "start", "--name", "x", "--plan", plan),
                   ("take", "resume", take)):
         harness.refuses("its configuration names no rig (108", lambda w=words: ask(*w))
     wrong = child.stop()
