@@ -13,7 +13,7 @@
 #include <sys/un.h>
 #include <unistd.h>
 
-enum { READ_BYTES = 256 * 1024 };
+enum { READ_BYTES = 256 * 1024, MOST_FDS = 4 };
 static const uint64_t max_payload = (uint64_t)1 << 30; /* of a reply; memory grows as it arrives */
 
 struct ls_connection {
@@ -25,12 +25,15 @@ struct ls_connection {
     bool frame_taken; /* the decoder's frame has been handed out */
     uint8_t *in;
     size_t in_used, in_fill;
+    int fds[MOST_FDS], n_fds; /* that have come, in the order of the frames that say so */
 };
 
 void ls_reply_finish(struct ls_reply *reply)
 {
     ls_message_free(reply->message);
-    memset(reply, 0, sizeof *reply);
+    if (reply->fd >= 0)
+        close(reply->fd);
+    *reply = (struct ls_reply){.fd = -1};
 }
 
 uint32_t ls_connection_error(const struct ls_connection *connection)
@@ -56,6 +59,8 @@ void ls_connection_close(struct ls_connection *connection)
     if (!connection->secure)
         close(connection->fd);
     ls_secure_close(connection->secure);
+    for (int i = 0; i < connection->n_fds; i++)
+        close(connection->fds[i]);
     ls_frame_decoder_finish(&connection->decoder);
     free(connection->in);
     free(connection);
@@ -109,13 +114,44 @@ enum ls_err ls_connection_send(struct ls_connection *connection, uint16_t type,
     return err == LS_ERR_GONE ? LS_OK : err;
 }
 
+/* More than are waited for at once is nothing that a daemon does. */
+static enum ls_err keep_fds(struct ls_connection *connection, struct msghdr *message,
+                            struct ls_diag *diag)
+{
+    enum ls_err err = LS_OK;
+    for (struct cmsghdr *c = CMSG_FIRSTHDR(message); c; c = CMSG_NXTHDR(message, c)) {
+        if (c->cmsg_level != SOL_SOCKET || c->cmsg_type != SCM_RIGHTS)
+            continue;
+        for (size_t at = CMSG_LEN(0); at + sizeof(int) <= c->cmsg_len; at += sizeof(int)) {
+            int fd;
+            memcpy(&fd, (const char *)c + at, sizeof fd);
+            if (connection->n_fds < MOST_FDS)
+                connection->fds[connection->n_fds++] = fd;
+            else {
+                close(fd);
+                err = ls_fail(diag, LS_ERR_INVALID, "the daemon sent descriptors unasked for");
+            }
+        }
+    }
+    return err;
+}
+
 static enum ls_err read_plain(struct ls_connection *connection, size_t *n, struct ls_diag *diag)
 {
-    ssize_t got = recv(connection->fd, connection->in, READ_BYTES, 0);
+    union {
+        struct cmsghdr align;
+        char bytes[CMSG_SPACE(MOST_FDS * sizeof(int))];
+    } control;
+    struct iovec span = {connection->in, READ_BYTES};
+    struct msghdr message = {.msg_iov = &span,
+                             .msg_iovlen = 1,
+                             .msg_control = &control,
+                             .msg_controllen = sizeof control};
+    ssize_t got = recvmsg(connection->fd, &message, MSG_CMSG_CLOEXEC);
     if (got < 0 && errno == EINTR)
         return ls_fail(diag, LS_ERR_ABORTED, "interrupted");
     *n = got > 0 ? (size_t)got : 0;
-    return got > 0 ? LS_OK : lost(diag);
+    return got > 0 ? keep_fds(connection, &message, diag) : lost(diag);
 }
 
 static enum ls_err read_more(struct ls_connection *connection, struct ls_diag *diag)
@@ -154,6 +190,24 @@ static enum ls_err next_frame(struct ls_connection *connection, struct ls_diag *
     return LS_OK;
 }
 
+/* The descriptor that the frame says comes with it, if it does. */
+static enum ls_err take_fd(struct ls_connection *connection, struct ls_reply *reply,
+                           struct ls_diag *diag)
+{
+    bool with = reply->type == (LS_MESSAGE_RING | LS_MESSAGE_REPLY) ||
+                (reply->type == (LS_MESSAGE_FETCH | LS_MESSAGE_REPLY) &&
+                 ((const Lightstage__FetchReply *)reply->message)->memfd);
+    if (!with)
+        return LS_OK;
+    if (!connection->n_fds)
+        return ls_fail(diag, LS_ERR_INVALID,
+                       "the daemon sent no descriptor of the memory it speaks of, or there are too "
+                       "many open");
+    reply->fd = connection->fds[0];
+    memmove(connection->fds, connection->fds + 1, (size_t)--connection->n_fds * sizeof(int));
+    return LS_OK;
+}
+
 static enum ls_err remote_error(struct ls_connection *connection, struct ls_reply *reply,
                                 struct ls_diag *diag)
 {
@@ -169,7 +223,7 @@ static enum ls_err remote_error(struct ls_connection *connection, struct ls_repl
 enum ls_err ls_connection_receive(struct ls_connection *connection, uint32_t request,
                                   struct ls_reply *reply, struct ls_diag *diag)
 {
-    memset(reply, 0, sizeof *reply);
+    *reply = (struct ls_reply){.fd = -1};
     for (;;) {
         enum ls_err err = next_frame(connection, diag);
         const struct ls_frame_header *header = &connection->decoder.header;
@@ -186,7 +240,8 @@ enum ls_err ls_connection_receive(struct ls_connection *connection, uint32_t req
         reply->last = header->flags & LS_FRAME_LAST;
         reply->payload = ls_frame_decoder_payload(&connection->decoder);
         reply->payload_bytes = (size_t)header->payload_bytes;
-        return header->type == LS_MESSAGE_ERROR ? remote_error(connection, reply, diag) : LS_OK;
+        return header->type == LS_MESSAGE_ERROR ? remote_error(connection, reply, diag)
+                                                : take_fd(connection, reply, diag);
     }
 }
 

@@ -23,6 +23,7 @@ struct ls_reply {
     ProtobufCMessage *message; /* of the type's schema */
     const uint8_t *payload;    /* (transfer none), valid until the next receive */
     size_t payload_bytes;
+    int fd; /* that a frame says comes with it, or -1; finish closes it unless it has been taken */
 };
 
 void ls_reply_finish(struct ls_reply *reply);

@@ -49,6 +49,10 @@ void *ls_library_keep(const struct ls_reply *reply, size_t bytes, struct lightst
 /** NULL is allowed. */
 void ls_library_release(void *kept);
 
+/** Memory of @bytes behind @fd, read-only, munmap; NULL: it may change its length, or is shorter.
+ */
+const void *ls_library_map(int fd, uint64_t bytes);
+
 /** What a caller gets of a reply, by ls_library_keep; NULL: @error says why. */
 typedef void *ls_make_kept(const struct ls_reply *reply, struct lightstage_error *error);
 

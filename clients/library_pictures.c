@@ -105,6 +105,7 @@ uint32_t ls_library_fill_fetch(struct ls_library_fetch *out, const struct lights
     body->spectra = (char **)f.spectra;
     body->n_spectra = f.n_spectra;
     body->credit_bytes = f.credit_bytes;
+    body->memfd = f.memfd != 0;
     body->lights = (uint32_t *)f.lights;
     body->n_lights = f.n_lights;
     body->full_sphere = f.full_sphere != 0;

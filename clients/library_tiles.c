@@ -1,17 +1,21 @@
 /* Fetch in whole tiles. */
 #include "clients/library_pictures.h"
 
-enum { SIDE = 64 };
+#include <sys/mman.h>
+
+enum { SIDE = 64, SHARED_AT_ONCE = 256 << 20 /* bytes of memory; as the daemon keeps */ };
 
 struct tiles_call {
     lightstage_on_tile *callback;
     void *user;
+    struct lightstage *stage;
+    bool gives_back; /* credit, for what the callback has seen */
 };
 
 static bool fits(const Lightstage__FetchReply *r, size_t tile_bytes, size_t payload_bytes)
 {
     size_t sent = 0;
-    if (r->memfd || r->width > 65536 || r->height > 65536 || r->components > 16 ||
+    if (r->width > 65536 || r->height > 65536 || r->components > 16 ||
         r->n_tile_hash != r->n_tile || (r->n_tile_unchanged && r->n_tile_unchanged != r->n_tile))
         return false;
     size_t across = (r->width + SIDE - 1) / SIDE, down = (r->height + SIDE - 1) / SIDE;
@@ -20,36 +24,57 @@ static bool fits(const Lightstage__FetchReply *r, size_t tile_bytes, size_t payl
             return false;
         sent += !(r->n_tile_unchanged && r->tile_unchanged[i]);
     }
+    if (r->memfd)
+        return payload_bytes == 0 && r->memfd_bytes >= across * down * tile_bytes;
     return payload_bytes == sent * tile_bytes;
+}
+
+/* Of a frame. @from: its payload, or with memfd the memory of all tiles. *seen: bytes of values. */
+static int hand_tiles(const struct tiles_call *call, const Lightstage__FetchReply *r,
+                      const uint8_t *from, size_t bytes, uint64_t *seen)
+{
+    struct lightstage_spectrum report;
+    const struct lightstage_band picture = ls_library_band(r, &report);
+    int stop = 0;
+    for (size_t i = 0; i < r->n_tile && !stop; i++) {
+        bool unchanged = r->n_tile_unchanged && r->tile_unchanged[i];
+        size_t at = r->memfd ? r->tile[i] * bytes : (size_t)*seen;
+        const struct lightstage_tile tile = {
+            .picture = &picture,
+            .values = unchanged ? NULL : from + at,
+            .values_bytes = unchanged ? 0 : bytes,
+            .index = r->first_tile + (uint32_t)i,
+            .number = r->tile[i],
+            .hash = r->tile_hash[i],
+        };
+        *seen += tile.values_bytes;
+        stop = call->callback(&tile, call->user);
+    }
+    return stop;
 }
 
 static uint32_t take_tiles(const struct ls_reply *reply, void *user, struct lightstage_error *error)
 {
     const Lightstage__FetchReply *r = (const Lightstage__FetchReply *)reply->message;
     const struct tiles_call *call = user;
-    struct lightstage_spectrum report;
-    const struct lightstage_band picture = ls_library_band(r, &report);
-    size_t bytes = (size_t)SIDE * SIDE * r->components *
-                   (r->sample == LIGHTSTAGE__SAMPLE__HALF ? 2 : 4),
-           at = 0;
+    size_t bytes =
+        (size_t)SIDE * SIDE * r->components * (r->sample == LIGHTSTAGE__SAMPLE__HALF ? 2 : 4);
+    uint64_t seen = 0;
     if (!fits(r, bytes, reply->payload_bytes))
         return ls_library_fail(error, LIGHTSTAGE_STRANGE,
                                "the daemon sent tiles that do not fit the picture");
-    for (size_t i = 0; i < r->n_tile; i++) {
-        bool unchanged = r->n_tile_unchanged && r->tile_unchanged[i];
-        const struct lightstage_tile tile = {
-            .picture = &picture,
-            .values = unchanged ? NULL : reply->payload + at,
-            .values_bytes = unchanged ? 0 : bytes,
-            .index = r->first_tile + (uint32_t)i,
-            .number = r->tile[i],
-            .hash = r->tile_hash[i],
-        };
-        at += tile.values_bytes;
-        if (call->callback(&tile, call->user))
-            return ls_library_fail(error, LIGHTSTAGE_CANCELLED, "cancelled by the callback");
-    }
-    return 0;
+    const void *mapped = r->memfd ? ls_library_map(reply->fd, r->memfd_bytes) : NULL;
+    if (r->memfd && !mapped)
+        return ls_library_fail(error, LIGHTSTAGE_STRANGE,
+                               "the daemon's shared memory cannot be used");
+    int stop = hand_tiles(call, r, mapped ? mapped : reply->payload, bytes, &seen);
+    if (mapped)
+        munmap((void *)mapped, r->memfd_bytes);
+    if (stop)
+        return ls_library_fail(error, LIGHTSTAGE_CANCELLED, "cancelled by the callback");
+    return call->gives_back && seen && !reply->last
+               ? lightstage_credit(call->stage, reply->request, seen, error)
+               : 0;
 }
 
 uint32_t lightstage_fetch_tiles_begin(struct lightstage *stage,
@@ -58,7 +83,7 @@ uint32_t lightstage_fetch_tiles_begin(struct lightstage *stage,
                                       lightstage_on_tile *callback, void *user, uint32_t *request,
                                       struct lightstage_error *error)
 {
-    const struct tiles_call call = {callback, user};
+    struct tiles_call call = {callback, user, stage, false};
     struct ls_library_fetch own;
     struct lightstage_have h = {0};
     uint32_t number = have ? ls_library_take_in(&h, sizeof h, have, error) : 0;
@@ -66,6 +91,9 @@ uint32_t lightstage_fetch_tiles_begin(struct lightstage *stage,
         number = ls_library_fill_fetch(&own, fetch, error);
     if (number)
         return number;
+    call.gives_back = own.body.memfd && !own.body.credit_bytes;
+    if (call.gives_back)
+        own.body.credit_bytes = SHARED_AT_ONCE;
     own.body.tiles = true;
     own.body.first_tile = h.first_tile;
     return ls_library_begin(stage, LS_MESSAGE_FETCH, &own.body.base, h.hashes,

@@ -17,8 +17,11 @@
  *
  * Structs that a caller fills begin with their own size, the rest 0 is the default: the library
  * reads no byte behind that size, and refuses (108) what a newer header set and it does not know.
- * Structs that the library fills are made by the library: they grow at their end alone. The two
- * exceptions, lightstage_error and lightstage_shape, never change.
+ * Structs that the library fills are made by the library, which hands out pointers to them.
+ * Within a soname both kinds grow at their end alone: a new member begins at or behind the size
+ * that there was, never in its padding, and 0 means there what there was before. No member goes,
+ * moves or changes its meaning; enums and numbers only gain values. lightstage_error,
+ * lightstage_shape and lightstage_region never change.
  */
 #ifndef LIGHTSTAGE_H
 #define LIGHTSTAGE_H
@@ -435,6 +438,26 @@ uint32_t lightstage_preview(struct lightstage *stage, const struct lightstage_pr
                             lightstage_on_preview *callback, void *user,
                             struct lightstage_error *error);
 
+/** What a camera's frames land in while a take runs, read-only. At index_at stands what PROTOCOL.md
+ * says under Ring. It is there until it is freed; a take that ends lets nothing land in it. */
+struct lightstage_ring {
+    const char *take;
+    const char *pixel_format; /* GenICam */
+    uint32_t slots, width, height;
+    uint64_t stride; /* slot i begins at i x stride */
+    uint64_t payload_bytes, index_at, bytes;
+    const void *memory; /* [bytes] */
+};
+
+/** An operator's, at a Unix socket. *out: (transfer full), lightstage_ring_free. 200: no take. */
+uint32_t lightstage_ring(struct lightstage *stage, uint32_t camera, struct lightstage_ring **out,
+                         struct lightstage_error *error);
+void lightstage_ring_free(struct lightstage_ring *ring);
+
+/** Copy the newest frame, payload_bytes, to @frame. Returns its number, counted from 1; 0: none has
+ * landed, or each was overwritten while it was read. Any thread. */
+uint64_t lightstage_ring_newest(const struct lightstage_ring *ring, void *frame);
+
 /* ---- pictures ---- */
 
 struct lightstage_region { /* in pixels of full size; all 0: the whole picture; never grows */
@@ -517,6 +540,8 @@ struct lightstage_fetch {
     size_t n_spectra;
     uint64_t credit_bytes; /* of values that may come before lightstage_credit gives more; 0: not
                             * counted */
+    int memfd; /* tiles at a Unix socket: in memory that the daemon shares, uncopied; without
+                * credit_bytes the library gives back what a callback has seen */
 };
 
 /** What a band of a factored fetch is of. */
@@ -596,7 +621,8 @@ struct lightstage_have {
 typedef int lightstage_on_tile(const struct lightstage_tile *tile, void *user);
 
 /** As lightstage_fetch_begin, in whole tiles: those that touch the region, picture by picture.
- * Without variance and validity. @have NULL: nothing. */
+ * Without variance and validity. @have NULL: nothing. Values in shared memory (memfd) cannot be
+ * written to, and are there until the callback returns, as others are. */
 uint32_t lightstage_fetch_tiles_begin(struct lightstage *stage,
                                       const struct lightstage_fetch *fetch,
                                       const struct lightstage_have *have,
