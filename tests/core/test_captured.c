@@ -157,6 +157,31 @@ static void test_two_spectra_are_told_apart_by_direction(void)
     g_free(world);
 }
 
+/* Of a direction between two charts: by the squares of their cosines. The neutrals are as bright on
+ * both, so that the scale is 1. */
+static void test_charts_weigh_as_the_squares_of_their_cosines(void)
+{
+    struct world *world = a_world();
+    world->lobe[1].spectrum = world->lobe[0].spectrum;
+    g_autofree char *text = json_of(world, NULL);
+    struct ls_captured *captured = parse(text, LS_OK, NULL);
+    const double between[3] = {0.6, 0, 0.8};
+    double cell[3], got[PATCHES * 3];
+    for (int k = 0; k < CHARTS; k++)
+        for (int p = 0; p < PATCHES; p++)
+            for (int c = 0; c < 3; c++)
+                captured->chart[k].rgb[p][c] = p < NEUTRALS ? neutral_reflectance[p] : k + p + c;
+    for (int c = 0; c < 3; c++)
+        cell[c] = 0.36 + 0.64;
+    g_assert_true(ls_captured_targets(captured, between, cell, got));
+    for (int p = NEUTRALS; p < PATCHES; p++)
+        for (int c = 0; c < 3; c++) /* charts 0 and 1: ahead and right */
+            g_assert_cmpfloat_with_epsilon(got[3 * p + c], 0.64 * (p + c) + 0.36 * (1 + p + c),
+                                           1e-12);
+    ls_captured_destroy(captured);
+    g_free(world);
+}
+
 static void test_a_saturated_neutral_is_left_out(void)
 {
     struct world *world = a_world();
@@ -239,6 +264,8 @@ int main(int argc, char **argv)
     g_test_add_func("/captured/one-spectrum-is-read-exactly", test_one_spectrum_is_read_exactly);
     g_test_add_func("/captured/two-spectra-are-told-apart-by-direction",
                     test_two_spectra_are_told_apart_by_direction);
+    g_test_add_func("/captured/charts-weigh-as-the-squares-of-their-cosines",
+                    test_charts_weigh_as_the_squares_of_their_cosines);
     g_test_add_func("/captured/a-saturated-neutral-is-left-out",
                     test_a_saturated_neutral_is_left_out);
     g_test_add_func("/captured/where-no-chart-faces-the-nearest-is-taken-and-told",

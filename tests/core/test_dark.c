@@ -137,8 +137,10 @@ static void test_black_clips(void)
     g_assert_cmpint(ls_dark_stats(dark, &stats), ==, LS_OK);
     g_assert_cmpint(ls_dark_check_black(&stats, &diag), ==, LS_OK);
     ls_dark_destroy(dark);
-    stats.zero_fraction = LS_DARK_ZERO_LIMIT; /* the limit itself is refused */
+    stats.zero_fraction = 0.001; /* the limit itself is refused */
     g_assert_cmpint(ls_dark_check_black(&stats, &diag), ==, LS_ERR_INVALID);
+    stats.zero_fraction = 0.00099;
+    g_assert_cmpint(ls_dark_check_black(&stats, &diag), ==, LS_OK);
 }
 
 static void find(const struct sensor *s, struct ls_pixel_list *list)

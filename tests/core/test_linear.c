@@ -227,6 +227,24 @@ static void test_a_white_highlight_stays_white(void)
     random_segments_finish(&x);
 }
 
+/* Where nothing is lit nothing is known but the colours of the light. */
+static void test_the_dark_takes_the_lights_own_ratio(void)
+{
+    for (uint32_t segments = 1; segments <= 14; segments += 13) {
+        struct random_segments x;
+        random_segments_init(&x, SEED, 9, 7, segments, 3, 3);
+        x.noise[0] = x.pictures.total_noise = (struct ls_linear_noise){4e-4, 1e-3};
+        random_segments_fit(&x);
+        for (size_t i = 0; i < random_segments_pixels(&x) * 9; i++) {
+            size_t c = i / 3 % 3, a = i % 3;
+            double own = random_segments_amber[c] / random_segments_white[c];
+            /* kept as a float */
+            g_assert_cmpfloat_with_epsilon((double)x.m[i], a == c ? own : 0, 1e-6);
+        }
+        random_segments_finish(&x);
+    }
+}
+
 static void test_a_matrix_is_applied_to_every_pixel(void)
 {
     const float m[12] = {1, 2, 3, 4, 5, 6, 0, 0, 1, 1, 1, 0}, v[4] = {10, 1, 2, 3};
@@ -245,6 +263,8 @@ int main(int argc, char **argv)
     g_test_add_func("/linear/the-fit-is-that-of-long-double", test_the_fit_is_that_of_long_double);
     g_test_add_func("/linear/the-full-sphere-is-reproduced", test_the_full_sphere_is_reproduced);
     g_test_add_func("/linear/a-white-highlight-stays-white", test_a_white_highlight_stays_white);
+    g_test_add_func("/linear/the-dark-takes-the-lights-own-ratio",
+                    test_the_dark_takes_the_lights_own_ratio);
     g_test_add_func("/linear/a-matrix-is-applied-to-every-pixel",
                     test_a_matrix_is_applied_to_every_pixel);
     return g_test_run();

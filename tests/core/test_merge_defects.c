@@ -91,6 +91,13 @@ static void test_validity(void)
     image.dn[0][2] = 5;
     image_merge(&image);
     g_assert_cmpuint(image.validity[1], ==, LS_VALIDITY_DARK);
+    image.dn[0][0] = 4095; /* the other side: whichever is looked at last */
+    image.dn[0][2] = 2000;
+    image_merge(&image);
+    g_assert_cmpuint(image.validity[1], ==, LS_VALIDITY_SATURATED);
+    image.dn[0][2] = 5; /* nothing is worse than a lower bound */
+    image_merge(&image);
+    g_assert_cmpuint(image.validity[1], ==, LS_VALIDITY_SATURATED);
     image_finish(&image);
 }
 

@@ -307,6 +307,29 @@ static void test_ties_go_to_the_lowest_index(void)
     g_assert_cmpfloat(x[2], ==, 0);
 }
 
+/* Scales that are no powers of two leave the unit columns an ulp or two apart, either way. */
+static void test_rounding_breaks_no_tie(void)
+{
+    const guint32 seed = 20;
+    g_autoptr(GRand) rand = g_rand_new_with_seed(seed);
+    g_test_message("seed %u", seed);
+    for (int k = 0; k < 1000; k++) {
+        double a[5 * 3], b[5], x[3];
+        for (int i = 0; i < 5; i++)
+            a[3 * i] = b[i] = uniform(rand, 0.1, 1);
+        for (int c = 1; c < 3; c++) {
+            double scale = uniform(rand, 0.1, 10);
+            for (int i = 0; i < 5; i++)
+                a[3 * i + c] = scale * a[3 * i];
+        }
+        struct ls_system system = {.rows = 5, .cols = 3, .a = a, .b = b};
+        g_assert_cmpint(ls_solve(&system, LS_SOLVE_NNLS, x, NULL, NULL), ==, LS_OK);
+        g_assert_cmpfloat_with_epsilon(x[0], 1, 1e-12); /* some ulps of five sums */
+        g_assert_cmpfloat(x[1], ==, 0);
+        g_assert_cmpfloat(x[2], ==, 0);
+    }
+}
+
 static void test_a_solver_gives_every_right_side_what_it_would_get_alone(void)
 {
     guint32 seed = (guint32)g_test_rand_int();
@@ -340,6 +363,7 @@ int main(int argc, char **argv)
     g_test_init(&argc, &argv, NULL);
     g_test_add_func("/nnls/is-the-best-of-all-active-sets", test_it_is_the_best_of_all_active_sets);
     g_test_add_func("/nnls/ties-go-to-the-lowest-index", test_ties_go_to_the_lowest_index);
+    g_test_add_func("/nnls/rounding-breaks-no-tie", test_rounding_breaks_no_tie);
     g_test_add_func("/nnls/a-solver-gives-every-right-side-what-it-would-get-alone",
                     test_a_solver_gives_every_right_side_what_it_would_get_alone);
     return g_test_run();

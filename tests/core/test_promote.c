@@ -71,6 +71,37 @@ static void test_one_bad_pixel_takes_its_neighbours_ratio(void)
     g_assert_cmpfloat_with_epsilon(r[61], 3, 0.05);
 }
 
+/* One sample of @sigmas and ratio @own among bright ones of ratio 3: its own counts as much as the
+ * smooth step from 4 to 10 sigma says, and at most eight times what they say. */
+static double ratio_among_brighter(double sigmas, double own)
+{
+    enum { W = 11, H = 11, MIDDLE = 60 };
+    float f[W * H], v[W * H], sigma[W * H], r[W * H];
+    const double neutral[1] = {0.1};
+    for (int j = 0; j < W * H; j++)
+        f[j] = 3000, v[j] = 1000, sigma[j] = 0.01f;
+    v[MIDDLE] = (float)(0.01 * sigmas);
+    f[MIDDLE] = (float)(0.01 * sigmas * own);
+    g_assert_cmpint(ls_promote_ratio(f, v, sigma, W, H, 1, neutral, r, NULL), ==, LS_OK);
+    return (double)r[MIDDLE];
+}
+
+static void test_between_four_and_ten_sigma_neighbours_have_their_say(void)
+{
+    static const struct {
+        double sigmas, share;
+    } steps[] = {{3.9, 0}, {5.5, 0.15625}, {7, 0.5}, {8.5, 0.84375}, {10.1, 1}};
+    for (size_t k = 0; k < G_N_ELEMENTS(steps); k++) {
+        double share = steps[k].share;
+        /* the neighbours' sums hold a permille of the sample, and floats the rest */
+        g_assert_cmpfloat_with_epsilon(ratio_among_brighter(steps[k].sigmas, 5),
+                                       5 * share + 3 * (1 - share), 0.002);
+        double spark = share < 1 ? 8 * 3 : 100;
+        g_assert_cmpfloat_with_epsilon(ratio_among_brighter(steps[k].sigmas, 100),
+                                       spark * share + 3 * (1 - share), 0.02);
+    }
+}
+
 /* dark noise over a surface of one true ratio: no sparks, little bias, and no worse than the
  * constant p(s)/p(0) where nothing is known */
 static void test_noise_makes_no_sparks(void)
@@ -184,6 +215,8 @@ int main(int argc, char **argv)
                     test_what_was_not_measured_is_neutral);
     g_test_add_func("/ratio/one-bad-pixel-takes-its-neighbours-ratio",
                     test_one_bad_pixel_takes_its_neighbours_ratio);
+    g_test_add_func("/ratio/between-four-and-ten-sigma-neighbours-have-their-say",
+                    test_between_four_and_ten_sigma_neighbours_have_their_say);
     g_test_add_func("/ratio/noise-makes-no-sparks", test_noise_makes_no_sparks);
     g_test_add_func("/ratio/a-crop-with-its-border-is-bit-identical",
                     test_a_crop_with_its_border_is_bit_identical);
