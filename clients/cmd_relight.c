@@ -8,6 +8,7 @@
 #include "clients/relight_options.h"
 #include "clients/region_option.h"
 #include "clients/relight_request.h"
+#include "clients/relit_space.h"
 #include "clients/weights_file.h"
 
 #include <math.h>
@@ -30,39 +31,25 @@ struct work {
 
 /* ---- writing ---- */
 
-static void apply_m(const struct ls_take_document *document, const struct ls_image *in,
-                    struct ls_image *out)
-{
-    const double(*m)[3] = (const double(*)[3])document->calibration->m;
-    for (size_t i = 0; i < (size_t)in->width * in->height; i++)
-        for (int r = 0; r < 3; r++) {
-            const float *v = in->pixels + 3 * i;
-            out->pixels[3 * i + r] =
-                (float)(m[r][0] * (double)v[0] + m[r][1] * (double)v[1] + m[r][2] * (double)v[2]);
-        }
-}
-
-/* The picture in Rec. 709, if that can be had. *in_rec709 says. */
+/* The picture in Rec. 709, if that can be had. */
 static enum ls_err to_rec709(const struct ls_take_document *document,
                              const struct ls_light_weights *weights, const struct ls_image *raw,
-                             struct ls_image *out, bool *in_rec709, struct ls_diag *diag)
+                             struct ls_image *out, struct ls_diag *diag)
 {
+    size_t n = (size_t)raw->width * raw->height;
     enum ls_err err = ls_image_init(out, raw->width, raw->height, 3, SIZE_MAX, diag);
-    bool has_m = document->calibration && document->calibration->has_m && !document->mono;
-    *in_rec709 = has_m || weights->after_m;
     if (err)
         return err;
-    if (has_m && !weights->after_m)
-        apply_m(document, raw, out);
+    if (ls_relit_needs_m(document, weights))
+        ls_relit_apply_m(document, raw->pixels, n, out->pixels);
     else
-        memcpy(out->pixels, raw->pixels, (size_t)raw->width * raw->height * 3 * sizeof(float));
+        memcpy(out->pixels, raw->pixels, n * 3 * sizeof(float));
     return LS_OK;
 }
 
 static enum ls_err write_exr(const struct work *work, uint32_t picture, const char *path,
                              const struct ls_image *image, bool rec709)
 {
-    static const float primaries[8] = {0.64f, 0.33f, 0.30f, 0.60f, 0.15f, 0.06f, 0.3127f, 0.3290f};
     const struct ls_relight_options *options = work->options;
     const struct ls_take_document *document = work->document;
     struct ls_exr_attrs attrs = {0};
@@ -76,7 +63,7 @@ static enum ls_err write_exr(const struct work *work, uint32_t picture, const ch
     ls_exr_attrs_string(&attrs, "lightstage/units", rec709 ? "rec709-linear" : "camera-raw");
     ls_exr_attrs_float(&attrs, "lightstage/rotation", (float)ls_relight_turn(options, picture));
     if (rec709)
-        ls_exr_attrs_chromaticities(&attrs, "chromaticities", primaries);
+        ls_exr_attrs_chromaticities(&attrs, "chromaticities", ls_rec709_primaries);
     enum ls_err err =
         ls_picture_file_exr(path, image, LS_EXR_FLOAT, &place, NULL, &attrs, &work->context->diag);
     ls_exr_attrs_finish(&attrs);
@@ -114,9 +101,8 @@ static enum ls_err write_picture(struct work *work, uint32_t picture, const char
     const struct ls_light_weights *weights = &work->weights[picture];
     const struct ls_image *image = &work->images[picture];
     struct ls_image shown = {0};
-    bool rec709 = false;
-    enum ls_err err =
-        to_rec709(work->document, weights, image, &shown, &rec709, &work->context->diag);
+    bool rec709 = ls_relit_in_rec709(work->document, weights);
+    enum ls_err err = to_rec709(work->document, weights, image, &shown, &work->context->diag);
     if (!err)
         warn_of_raw(work, rec709);
     if (!err && exr)
@@ -267,6 +253,21 @@ static enum ls_err make_weights(struct work *work)
     return err;
 }
 
+static enum ls_err take_rows(void *user, const struct ls_relit_rows *rows, struct ls_diag *diag)
+{
+    struct ls_image *image = (struct ls_image *)user + rows->picture;
+    size_t row = 3 * (size_t)rows->width;
+    enum ls_err err = LS_OK;
+    if (!image->pixels)
+        err = ls_image_init(image, rows->width, rows->height, 3, (size_t)4 << 30, diag);
+    if (!err && (rows->width != image->width || rows->height != image->height))
+        err = ls_fail(diag, LS_ERR_INVALID, "the daemon sent rows that do not fit the picture");
+    if (!err)
+        memcpy(image->pixels + rows->first_row * row, rows->rgb,
+               rows->n_rows * row * sizeof *rows->rgb);
+    return err;
+}
+
 /* Some pictures at once, from the @first on; *n of them. */
 static int make_some(struct work *work, uint32_t first, uint32_t *n)
 {
@@ -274,7 +275,7 @@ static int make_some(struct work *work, uint32_t first, uint32_t *n)
     enum ls_err err = LS_OK;
     *n = ls_relight_at_once(work->options, work->document, weights, work->n - first);
     int code = ls_relight_request(work->context, work->options, work->document, weights, *n,
-                                  work->images + first, &work->result);
+                                  take_rows, work->images + first, &work->result);
     for (uint32_t k = first; k < first + *n && !code && !err; k++) {
         err = write_numbered(work, k);
         ls_image_finish(&work->images[k]);

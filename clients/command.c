@@ -10,8 +10,8 @@
 
 static void print_usage(const struct ls_command *command, FILE *out)
 {
-    fprintf(out, "usage: lightstagectl %s %s\n%s.\n", command->name, command->usage,
-            command->summary);
+    fprintf(out, "usage: %s %s%s%s\n%s.\n", program_invocation_short_name, command->name,
+            command->name[0] ? " " : "", command->usage, command->summary);
 }
 
 void ls_command_defaults(struct ls_command_context *context)
@@ -71,8 +71,7 @@ bool ls_command_arguments(const struct ls_command *command, int argc, int n)
 {
     if (argc - optind == n)
         return true;
-    fprintf(stderr, "lightstagectl: %s: %d arguments, expected %d\n", command->name, argc - optind,
-            n);
+    ls_command_wrong("%s: %d arguments, expected %d", command->name, argc - optind, n);
     print_usage(command, stderr);
     return false;
 }
@@ -80,7 +79,7 @@ bool ls_command_arguments(const struct ls_command *command, int argc, int n)
 int ls_command_wrong(const char *fmt, ...)
 {
     va_list args;
-    fputs("lightstagectl: ", stderr);
+    fprintf(stderr, "%s: ", program_invocation_short_name);
     va_start(args, fmt);
     vfprintf(stderr, fmt, args);
     va_end(args);
@@ -127,12 +126,10 @@ int ls_command_failed(struct ls_command_context *context, enum ls_err err)
     uint32_t number = context->error.number;
     clean(context->diag.text);
     if (err == LS_ERR_REFUSED && number >= 100) {
-        fprintf(stderr, "lightstagectl: %s (%u %s)\n", context->diag.text, number,
-                lightstage_error_name(number));
+        ls_command_wrong("%s (%u %s)", context->diag.text, number, lightstage_error_name(number));
         return exit_of_number(number);
     }
-    fprintf(stderr, "lightstagectl: %s\n",
-            context->diag.text[0] ? context->diag.text : ls_err_name(err));
+    ls_command_wrong("%s", context->diag.text[0] ? context->diag.text : ls_err_name(err));
     if (err == LS_ERR_NOMEM || err == LS_ERR_BUG)
         return LS_EXIT_INTERNAL;
     return err == LS_ERR_GONE || err == LS_ERR_NOT_FOUND || err == LS_ERR_REFUSED

@@ -1,5 +1,5 @@
 /*
- * command: what every command of lightstagectl shares: exit codes, options, output.
+ * command: what every command of lightstagectl, and lightstage-render, shares: exit codes, options, output.
  * Layer: clients. Threads: the main thread. Ownership: the context is main's.
  */
 #ifndef LS_CLIENTS_COMMAND_H
@@ -90,7 +90,7 @@ int ls_command_option(struct ls_command_context *context, const struct ls_comman
 /** Positional arguments left: exactly @n? Else says what was expected. */
 bool ls_command_arguments(const struct ls_command *command, int argc, int n);
 
-/** Print "lightstagectl: sentence" and return LS_EXIT_USAGE. */
+/** Print "lightstagectl: sentence", the program's own name, and return LS_EXIT_USAGE. */
 int ls_command_wrong(const char *fmt, ...) LS_PRINTF(1, 2);
 
 /** Before the process ends with @code: a success that could not be said is none (LS_EXIT_USAGE). */

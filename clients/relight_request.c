@@ -10,9 +10,12 @@ enum { MOST_ROWS = 256, MOST_WEIGHTS = 1024 * 1024 / sizeof(float) };
 struct asked {
     const struct ls_take_document *document;
     bool by_target; /* three of the daemon's pictures each */
-    uint32_t n;
-    struct ls_image *images; /* [n] */
-    uint64_t rows;           /* that came */
+    uint32_t first, n;
+    ls_relight_take *take;
+    void *user;
+    float *band;   /* rows of one picture */
+    size_t room;   /* floats */
+    uint64_t rows; /* that came */
     bool whole;
     struct ls_relit *result;
     struct ls_diag *diag;
@@ -58,30 +61,42 @@ static void place_target(const double row[3], uint32_t target, const char *from,
     }
 }
 
+static enum ls_err make_room(struct asked *asked, size_t n)
+{
+    if (n <= asked->room)
+        return LS_OK;
+    float *grown = realloc(asked->band, n * sizeof *grown);
+    if (!grown)
+        return ls_fail(asked->diag, LS_ERR_NOMEM, "out of memory");
+    asked->band = grown;
+    asked->room = n;
+    return LS_OK;
+}
+
+/* The three targets of some rows come one after the other. */
 static enum ls_err place_band(struct asked *asked, const struct lightstage_relit *band)
 {
     uint32_t each = asked->by_target ? 3 : 1, picture = band->picture / each;
-    enum ls_err err = LS_OK;
+    uint32_t target = band->picture % each;
+    size_t n = (size_t)band->n_rows * band->width;
     if (picture >= asked->n)
         return ls_fail(asked->diag, LS_ERR_INVALID,
                        "the daemon sent a picture that was not asked for");
-    struct ls_image *image = &asked->images[picture];
-    if (!image->pixels)
-        err = ls_image_init(image, band->width, band->height, 3, (size_t)4 << 30, asked->diag);
+    enum ls_err err = make_room(asked, 3 * n);
     if (err)
         return err;
-    size_t width = image->width, n = band->n_rows * width;
-    if (band->width != image->width || band->height != image->height)
-        return ls_fail(asked->diag, LS_ERR_INVALID,
-                       "the daemon sent rows that do not fit the picture");
-    float *to = image->pixels + (size_t)band->first_row * width * 3;
     if (asked->by_target)
-        place_target(asked->document->calibration->m[band->picture % 3], band->picture % 3,
-                     band->values, n, to);
-    else if (n > 0)
-        memcpy(to, band->values, n * 3 * sizeof *to);
+        place_target(asked->document->calibration->m[target], target, band->values, n, asked->band);
+    else
+        memcpy(asked->band, band->values, 3 * n * sizeof *asked->band);
     asked->rows += band->n_rows;
-    return LS_OK;
+    const struct ls_relit_rows rows = {.picture = asked->first + picture,
+                                       .width = band->width,
+                                       .height = band->height,
+                                       .first_row = band->first_row,
+                                       .n_rows = band->n_rows,
+                                       .rgb = asked->band};
+    return target + 1 < each ? LS_OK : asked->take(asked->user, &rows, asked->diag);
 }
 
 /* The largest share of a picture's error in what M makes of it. */
@@ -158,26 +173,38 @@ static enum ls_err ask(struct ls_command_context *context, const struct ls_relig
                                          "the daemon ended before the pictures were whole");
 }
 
+static int request(struct ls_command_context *context, const struct ls_relight_options *options,
+                   const struct ls_light_weights *weights, struct asked *asked)
+{
+    uint32_t n = asked->n, first = asked->first, half = n / 2;
+    asked->rows = 0;
+    asked->whole = false;
+    enum ls_err err = ask(context, options, asked, weights + first);
+    if (!err)
+        return LS_EXIT_OK;
+    if (n == 1 || err != LS_ERR_REFUSED || context->error.number != LIGHTSTAGE_OVER_LIMIT)
+        return ls_command_failed(context, err);
+    asked->n = half;
+    int code = request(context, options, weights, asked);
+    asked->first = first + half;
+    asked->n = n - half;
+    return code ? code : request(context, options, weights, asked);
+}
+
 int ls_relight_request(struct ls_command_context *context, const struct ls_relight_options *options,
                        const struct ls_take_document *document,
-                       const struct ls_light_weights *weights, uint32_t n, struct ls_image *images,
-                       struct ls_relit *result)
+                       const struct ls_light_weights *weights, uint32_t n, ls_relight_take *take,
+                       void *user, struct ls_relit *result)
 {
     struct ls_diag diag = {0};
     struct asked asked = {.document = document,
                           .by_target = weights->by_target,
                           .n = n,
-                          .images = images,
+                          .take = take,
+                          .user = user,
                           .result = result,
                           .diag = &diag};
-    uint32_t half = n / 2;
-    enum ls_err err = ask(context, options, &asked, weights);
-    if (!err)
-        return LS_EXIT_OK;
-    if (n == 1 || err != LS_ERR_REFUSED || context->error.number != LIGHTSTAGE_OVER_LIMIT)
-        return ls_command_failed(context, err);
-    int code = ls_relight_request(context, options, document, weights, half, images, result);
-    return code ? code
-                : ls_relight_request(context, options, document, weights + half, n - half,
-                                     images + half, result);
+    int code = request(context, options, weights, &asked);
+    free(asked.band);
+    return code;
 }

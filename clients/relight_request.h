@@ -31,12 +31,23 @@ uint32_t ls_relight_at_once(const struct ls_relight_options *options,
                             const struct ls_take_document *document,
                             const struct ls_light_weights *weights, uint32_t n);
 
-/** Pictures under weights[n] of one kind into images[n], camera RGB, or after M (after_m). What the
- * daemon will not make at once is asked for in halves. Adds to *result. LS_EXIT_OK or the exit
- * code, said already. images: zeroed; finish them in any case. */
+/** Rows of one picture, rgb[n_rows][width][3]. */
+struct ls_relit_rows {
+    uint32_t picture; /* of those that were asked for, from 0 */
+    uint32_t width, height, first_row, n_rows;
+    const float *rgb; /* camera RGB, or after M (after_m) */
+};
+
+/** An error ends the request. */
+typedef enum ls_err ls_relight_take(void *user, const struct ls_relit_rows *rows,
+                                    struct ls_diag *diag);
+
+/** Pictures under weights[n] of one kind, each from its first row to its last, a band of all of
+ * them before the next. What the daemon will not make at once is asked for in halves. Adds to
+ * *result. LS_EXIT_OK or the exit code, said already. */
 int ls_relight_request(struct ls_command_context *context, const struct ls_relight_options *options,
                        const struct ls_take_document *document,
-                       const struct ls_light_weights *weights, uint32_t n, struct ls_image *images,
-                       struct ls_relit *result);
+                       const struct ls_light_weights *weights, uint32_t n, ls_relight_take *take,
+                       void *user, struct ls_relit *result);
 
 #endif
