@@ -4,9 +4,9 @@
  * every call has its own context. Ownership: stated per call; byte spans given are never kept
  * except by ls_exr_map_tiles, which points into them.
  *
- * Written files: uncompressed, 64 x 64 tiles, one level, increasing y, one or several parts.
- * A tile's pixels lie together, row after row, little-endian; edge tiles are narrower or lower and
- * carry no padding. Values pass through unchanged: negative ones too.
+ * Written files: uncompressed unless a part is packed, 64 x 64 tiles, one level, increasing y, one
+ * or several parts. A tile's pixels lie together, row after row, little-endian; edge tiles are
+ * narrower or lower and carry no padding. Values pass through unchanged: negative ones too.
  */
 #ifndef LS_CORE_EXR_H
 #define LS_CORE_EXR_H
@@ -14,6 +14,7 @@
 #include "core/error.h"
 #include "core/image.h"
 
+#include <stdbool.h>
 #include <stddef.h>
 #include <stdint.h>
 
@@ -100,6 +101,7 @@ struct ls_exr_part {
     const struct ls_exr_channel *channels;
     size_t n_channels;
     const struct ls_exr_attrs *attrs; /* NULL = none */
+    bool packed;                      /* each tile losslessly compressed (ZIP), bit for bit */
 };
 
 /**

@@ -1,5 +1,6 @@
 #include "core/exr_part.h"
 
+#include "core/exr_zip.h"
 #include "core/half.h"
 
 #include <stdbool.h>
@@ -75,8 +76,9 @@ static exr_result_t write_tile(exr_context_t context, int index, const struct ls
     for (uint32_t row = y - from; row < y - from + h; row++)
         for (size_t c = 0; c < part->n_channels; c++)
             n += pack_row(sorted[c], x, row, w, tile + n);
-    return exr_write_tile_chunk(context, index, (int)(x / LS_EXR_TILE_PX),
-                                (int)(y / LS_EXR_TILE_PX), 0, 0, tile, n);
+    int tx = (int)(x / LS_EXR_TILE_PX), ty = (int)(y / LS_EXR_TILE_PX);
+    return part->packed ? ls_exr_zip_tile(context, index, tx, ty, tile, n)
+                        : exr_write_tile_chunk(context, index, tx, ty, 0, 0, tile, n);
 }
 
 exr_result_t ls_exr_part_write_row(exr_context_t context, int index, const struct ls_exr_part *part,
@@ -103,7 +105,8 @@ exr_result_t ls_exr_part_declare(exr_context_t context, const struct ls_exr_part
     exr_result_t r = exr_add_part(context, part->name, EXR_STORAGE_TILED, index);
     if (!r)
         r = exr_initialize_required_attr(context, *index, &display, &data, 1.0f, &centre, 1.0f,
-                                         EXR_LINEORDER_INCREASING_Y, EXR_COMPRESSION_NONE);
+                                         EXR_LINEORDER_INCREASING_Y,
+                                         part->packed ? EXR_COMPRESSION_ZIP : EXR_COMPRESSION_NONE);
     if (!r)
         r = exr_set_tile_descriptor(context, *index, LS_EXR_TILE_PX, LS_EXR_TILE_PX,
                                     EXR_TILE_ONE_LEVEL, EXR_TILE_ROUND_DOWN);

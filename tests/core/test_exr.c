@@ -486,6 +486,102 @@ static void test_limit(void)
     g_free(half);
 }
 
+/* Three parts of several tiles, none of them whole: colours that vary slowly, halves, any bits. */
+static uint8_t *write_three(bool packed, const float *smooth, const uint16_t *halves,
+                            const uint32_t *bits, size_t n_parts, size_t *n)
+{
+    enum { W = 150, H = 131 };
+    static const char *const names[3] = {"W.R", "W.G", "W.B"};
+    struct ls_exr_channel rgb[3];
+    const struct ls_exr_channel half = {"Y", LS_EXR_HALF, LS_EXR_FROM_HALF, halves, 2, 2 * W};
+    const struct ls_exr_channel any = {"Y", LS_EXR_FLOAT, LS_EXR_FROM_FLOAT, bits, 4, 4 * W};
+    for (int c = 0; c < 3; c++)
+        rgb[c] = (struct ls_exr_channel){
+            names[c], c ? LS_EXR_FLOAT : LS_EXR_HALF, LS_EXR_FROM_FLOAT, smooth + c, 12, 12 * W};
+    const struct ls_exr_part parts[3] = {
+        {.name = "W", .width = W, .height = H, .channels = rgb, .n_channels = 3, .packed = packed},
+        {.name = "H",
+         .width = W,
+         .height = H,
+         .channels = &half,
+         .n_channels = 1,
+         .packed = packed},
+        {.name = "F",
+         .width = W,
+         .height = H,
+         .channels = &any,
+         .n_channels = 1,
+         .packed = packed}};
+    uint8_t *bytes;
+    g_assert_cmpint(ls_exr_write(parts, n_parts, &bytes, n, NULL), ==, LS_OK);
+    return bytes;
+}
+
+static void assert_plane(const uint8_t *bytes, size_t n, const char *part, const void *samples)
+{
+    struct ls_exr_plane plane;
+    g_assert_cmpint(ls_exr_read_plane(bytes, n, part, limit, &plane, NULL), ==, LS_OK);
+    size_t size = (size_t)plane.width * plane.height * (plane.type == LS_EXR_HALF ? 2 : 4);
+    g_assert_cmpmem(plane.samples, size, samples, size);
+    free(plane.samples);
+}
+
+static void assert_no_difference(const uint8_t *plain, size_t n_plain, const uint8_t *packed,
+                                 size_t n_packed)
+{
+    char *folder = g_dir_make_tmp("ls-exr-XXXXXX", NULL);
+    char *a = g_build_filename(folder, "a.exr", NULL), *b = g_build_filename(folder, "b.exr", NULL);
+    g_assert_true(g_file_set_contents(a, (const char *)plain, (gssize)n_plain, NULL));
+    g_assert_true(g_file_set_contents(b, (const char *)packed, (gssize)n_packed, NULL));
+    char *format = g_strdup_printf("oiiotool -a --fail 0 --warn 0 --diff %s %%s", a);
+    g_free(output_of(format, b));
+    g_free(format);
+    format = output_of("oiiotool --info -v %s", b);
+    assert_has(format, (const char *const[]){"compression: \"zip\"", "tile size: 64 x 64"}, 2);
+    g_free(format);
+    g_unlink(a);
+    g_unlink(b);
+    g_rmdir(folder);
+    g_free(a);
+    g_free(b);
+    g_free(folder);
+}
+
+static void test_packed(void)
+{
+    enum { PIXELS = 150 * 131 };
+    float *smooth = g_new(float, 3 * PIXELS);
+    uint16_t *halves = random_halves(5, PIXELS);
+    uint32_t *bits = g_new(uint32_t, PIXELS);
+    GRand *rand = g_rand_new_with_seed(6);
+    for (size_t k = 0; k < 3 * PIXELS; k++)
+        smooth[k] = (float)(k % 450 / 30) / 8 - 0.5f; /* exact in half, negative ones, too */
+    for (size_t k = 0; k < PIXELS; k++)
+        bits[k] = g_rand_int(rand); /* infinities and NaN of every kind among them */
+    size_t n, n_plain, n_packed;
+    uint8_t *bytes = write_three(true, smooth, halves, bits, 3, &n);
+    struct ls_image image;
+    g_assert_cmpint(ls_exr_read(bytes, n, "W", limit, &image, NULL, NULL), ==, LS_OK);
+    g_assert_cmpmem(image.pixels, 12 * PIXELS, smooth, 12 * PIXELS);
+    assert_plane(bytes, n, "H", halves);
+    assert_plane(bytes, n, "F", bits);
+    uint8_t *plain = write_three(false, smooth, halves, bits, 2, &n_plain);
+    uint8_t *packed = write_three(true, smooth, halves, bits, 2, &n_packed);
+    g_assert_cmpuint(n_packed, <, n_plain / 2); /* the halves are a sixth of the plain file */
+    if (have("oiiotool"))
+        assert_no_difference(plain, n_plain, packed, n_packed);
+    else
+        g_test_message("oiiotool is not installed: no other program compares them");
+    ls_image_finish(&image);
+    free(plain);
+    free(packed);
+    free(bytes);
+    g_rand_free(rand);
+    g_free(bits);
+    g_free(halves);
+    g_free(smooth);
+}
+
 int main(int argc, char **argv)
 {
     g_test_init(&argc, &argv, NULL);
@@ -501,5 +597,6 @@ int main(int argc, char **argv)
     g_test_add_func("/exr/debian-tools-read-what-we-write", test_debian_tools_read_it);
     g_test_add_func("/exr/reads-every-compression-but-dwa", test_reads_what_oiiotool_writes);
     g_test_add_func("/exr/memory-limit-is-kept", test_limit);
+    g_test_add_func("/exr/packed-parts-come-back-bit-for-bit", test_packed);
     return g_test_run();
 }
