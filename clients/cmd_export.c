@@ -14,7 +14,7 @@
 struct options {
     const char *channels, *lights, *folder;
     struct lightstage_promotion promotion;
-    bool half;
+    bool half, packed;
     uint32_t camera;
 };
 
@@ -34,6 +34,7 @@ static int parse(struct ls_command_context *context, int argc, char **argv, stru
                                             {"lights", required_argument, NULL, 2},
                                             {"half", no_argument, NULL, 3},
                                             {"camera", required_argument, NULL, 4},
+                                            {"packed", no_argument, NULL, 5},
                                             LS_PROMOTION_OPTIONS,
                                             LS_COMMON_OPTIONS};
     out->promotion =
@@ -46,6 +47,8 @@ static int parse(struct ls_command_context *context, int argc, char **argv, stru
             out->lights = optarg;
         else if (option == 3)
             out->half = true;
+        else if (option == 5)
+            out->packed = true;
         else if (option == 4 && !ls_camera_option(optarg, &out->camera))
             return ls_command_wrong("--camera %s: expected the number of a camera, from 0", optarg);
         else if (option != 4 && (code = ls_promotion_option(option, optarg, &out->promotion)))
@@ -156,6 +159,7 @@ static int run(struct ls_command_context *context, int argc, char **argv)
                                    .document = document,
                                    .promotion = options.promotion,
                                    .half = options.half,
+                                   .packed = options.packed,
                                    .camera = options.camera}};
     enum ls_err err = export_take(&work);
     ls_export_forget(&work.export);
@@ -166,6 +170,6 @@ static int run(struct ls_command_context *context, int argc, char **argv)
 
 const struct ls_command ls_command_export = {
     "export", "Every light's spectra as one OpenEXR file, with a JSON and a CSV list beside them",
-    "TAKE FOLDER [--channels W,R,...] [--lights 0,5,7-9] [--half]\n" LS_PROMOTION_USAGE
+    "TAKE FOLDER [--channels W,R,...] [--lights 0,5,7-9] [--half] [--packed]\n" LS_PROMOTION_USAGE
     "         [--camera N] [--json]\n",
     run};

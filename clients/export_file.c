@@ -47,10 +47,10 @@ static enum ls_err choose_spectra(struct ls_export *export, const char *list)
 static void make_recipe(struct ls_export *export)
 {
     const struct lightstage_promotion *p = &export->promotion;
-    size_t n = (size_t)snprintf(export->recipe, sizeof export->recipe, "%s %u %d%d%d %s",
+    size_t n = (size_t)snprintf(export->recipe, sizeof export->recipe, "%s %u %d%d%d %s%s",
                                 lightstage_model_name(p->model), export->camera, (int)p->reference,
                                 p->ideal_polarisation, p->plain_conductors,
-                                export->half ? "half" : "float");
+                                export->half ? "half" : "float", export->packed ? " packed" : "");
     for (uint32_t s = 0; s < export->n_spectra && n < sizeof export->recipe; s++)
         n += (size_t)snprintf(export->recipe + n, sizeof export->recipe - n, " %s",
                               export->spectra[s].name);
@@ -155,7 +155,8 @@ static struct ls_exr_part part_of(const struct ls_export *export,
                                 .height = image->height,
                                 .channels = spectrum->channels,
                                 .n_channels = n,
-                                .attrs = &spectrum->attrs};
+                                .attrs = &spectrum->attrs,
+                                .packed = export->packed};
 }
 
 static enum ls_err write_light(struct ls_export *export, uint32_t light, const char *path)

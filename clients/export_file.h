@@ -27,7 +27,7 @@ struct ls_export {
     struct ls_command_context *context;
     const struct ls_take_document *document;
     struct lightstage_promotion promotion; /* of what was not photographed light by light */
-    bool half;
+    bool half, packed;
     uint32_t camera;
     struct ls_export_spectrum spectra[LS_DOCUMENT_CHANNELS];
     uint32_t n_spectra;

@@ -1,5 +1,6 @@
-"""OpenEXR pictures as numpy arrays, for tests: what the project writes, tiled and uncompressed."""
+"""OpenEXR pictures as numpy arrays, for tests: what the project writes, tiled, plain or packed."""
 import struct
+import zlib
 
 import numpy as np
 
@@ -29,6 +30,17 @@ def channels(value):
     return found
 
 
+def unpacked(data):
+    """A chunk compressed with ZIP: differences of bytes, the even ones before the odd ones."""
+    packed = np.frombuffer(zlib.decompress(data), np.uint8).astype(np.int64)
+    packed[1:] -= 128
+    halves = np.cumsum(packed).astype(np.uint8)
+    middle = (len(halves) + 1) // 2
+    out = np.empty_like(halves)
+    out[0::2], out[1::2] = halves[:middle], halves[middle:]
+    return out.tobytes()
+
+
 def read(path, part=None):
     """A part (the first) as float64 (height, width, channels): R G B, or Y; None if it is not there."""
     with open(path, "rb") as file:
@@ -47,7 +59,8 @@ def read(path, part=None):
         at += 8 * struct.unpack("<i", head["chunkCount"][1])[0]
     else:
         return None
-    assert head["compression"][1] == b"\0", "compressed"
+    packed = head["compression"][1] == b"\3"
+    assert packed or head["compression"][1] == b"\0", "neither plain nor ZIP"
     x0, y0, x1, y1 = struct.unpack("<4i", head["dataWindow"][1])
     width, height = x1 - x0 + 1, y1 - y0 + 1
     side, = struct.unpack_from("<I", head["tiles"][1])
@@ -60,9 +73,12 @@ def read(path, part=None):
         x, y = tile % across * side, tile // across * side
         w, h = min(side, width - x), min(side, height - y)
         row = sum(kind.itemsize for _, kind in names) * w
-        offset = 0
+        size, = struct.unpack_from("<i", data, chunk - 4)
+        pixels, offset = data[chunk:chunk + size], 0
+        if packed and size < row * h:
+            pixels = unpacked(pixels)
         for name, kind in names:
-            picture[name][y:y + h, x:x + w] = np.ndarray((h, w), kind, data, chunk + offset,
+            picture[name][y:y + h, x:x + w] = np.ndarray((h, w), kind, pixels, offset,
                                                          (row, kind.itemsize))
             offset += kind.itemsize * w
     order = "RGB" if "R" in picture else "Y"

@@ -38,6 +38,16 @@ def pixels_are_those_of_fetch(rig, take):
     return files
 
 
+def packed_is_the_same_and_smaller(rig, take):
+    plain, packed = rig.path("plain"), rig.path("packed")
+    for folder, *options in ((plain,), (packed, "--packed")):
+        rig.control("export", take, folder, "--lights", "7", "--half", *options)
+    a, b = (os.path.join(folder, f"{take}.0008.exr") for folder in (plain, packed))
+    for channel in "WRAGCB":
+        assert np.array_equal(pictures.read(a, channel), pictures.read(b, channel)), channel
+    assert os.path.getsize(b) < os.path.getsize(a)
+
+
 def what_is_whole_is_skipped(rig, take, files):
     before = [os.stat(path).st_mtime_ns for path in files]
     with open(files[1], "rb") as file:
@@ -68,6 +78,7 @@ def test_export_writes_what_fetch_brings_and_skips_what_is_whole(folder):
             assert words in said, (words, said)
     else:
         print("# oiiotool is not installed: attributes are not read back by it")
+    packed_is_the_same_and_smaller(rig, take)
     what_is_whole_is_skipped(rig, take, files)
     harness.refuses("--channels X", lambda: exported(rig, take, "--channels", "X"))
 
