@@ -209,6 +209,8 @@ static void fire(struct fake_rig *rig)
     rig->next_ns = at_ns + rig->period_us * 1000ull;
     if (warm && rig->options.stall_at && rig->pulses == rig->options.stall_at)
         rig->next_ns += 300000000;
+    if (warm && rig->options.stuck_at && rig->pulses == rig->options.stuck_at)
+        rig->next_ns += 3600000000000;
     if (warm && rig->options.hot_at && rig->pulses == rig->options.hot_at)
         rig->hot_until_ns = at_ns + rig->options.hot_ms * 1000000ull;
     if (warm && rig->options.stall_every && rig->pulses % rig->options.stall_every == 0)

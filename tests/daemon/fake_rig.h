@@ -51,6 +51,7 @@ struct fake_options {
     /* Pulses are counted from the second program on: the first is the warm-up. */
     uint32_t interlock_at; /* pulse that opens it, 0 = never */
     uint32_t stall_at;     /* pulse after which the controller sleeps 300 ms, 0 = never */
+    uint32_t stuck_at;     /* pulse after which it answers and fires nothing any more, 0 = never */
     uint32_t hot_at;       /* pulse from which the dome is hot for hot_ms, 0 = never */
     uint32_t hot_ms;
     uint32_t stall_every;    /* after every so many pulses it sleeps 40 ms, 0 = never */

@@ -18,6 +18,21 @@ static void test_stall(void)
     clear(s);
 }
 
+static void test_stuck(void)
+{
+    if (!g_getenv("LS_TEST_FULL")) {
+        g_test_skip("ten seconds, for so long a controller may pause: set LS_TEST_FULL=1");
+        return;
+    }
+    struct stage *s = new_stage();
+    s->options.stuck_at = FIRST_LIGHT + 10;
+    g_assert_cmpint(shoot(s), ==, LS_ERR_TIMEOUT);
+    g_assert_nonnull(strstr(s->diag.text, "fired nothing for 10"));
+    g_assert_nonnull(strstr(s->diag.text, "resume"));
+    g_assert_cmpuint(s->report.final.conditions_stored, >=, N_EXPOSURES);
+    clear(s);
+}
+
 static void test_interlock(void)
 {
     struct stage *s = new_stage();
@@ -158,6 +173,7 @@ int main(int argc, char **argv)
 {
     g_test_init(&argc, &argv, NULL);
     g_test_add_func("/capture/a-stalling-controller-is-waited-for", test_stall);
+    g_test_add_func("/capture/a-controller-that-is-stuck-ends-the-take-dark", test_stuck);
     g_test_add_func("/capture/an-open-interlock-ends-the-take-with-its-name", test_interlock);
     g_test_add_func("/capture/a-camera-that-disappears-ends-the-take-dark", test_camera_gone);
     g_test_add_func("/capture/a-store-error-stops-the-take-dark", test_store_error);

@@ -130,6 +130,18 @@ static void test_bright(void)
         lights(s, 9, W);
     }
     judge(s, false, "bright pulses at 7.2 Hz");
+    static const struct {
+        uint16_t level; /* of every second bright picture */
+        const char *sentence;
+    } seconds[] = {{3000, "bright pulses at 7.2 Hz"}, {2999, "bright pulses at 3.6 Hz"}};
+    for (size_t k = 0; k < G_N_ELEMENTS(seconds); k++) { /* half as bright is bright */
+        s = scene_of(1, 13889);
+        for (int i = 0; i < 10; i++) {
+            show(s, LS_CONDITION_SPHERE, W, i % 2 ? seconds[k].level : 6000);
+            lights(s, 9, W);
+        }
+        judge(s, false, seconds[k].sentence);
+    }
     s = scene_of(1, 13889);
     for (int i = 0; i < 5; i++) { /* 72 / 51 times */
         show(s, LS_CONDITION_SPHERE, W, 6000);
@@ -164,6 +176,27 @@ static void test_colours(void)
     lights(s, 100, G);
     lights(s, 100, R);
     judge(s, false, NULL);
+}
+
+/* Red in turn with a light of which @tenths shine beyond 600 nm, each every 0.56 s. */
+static struct scene *red_and(int tenths)
+{
+    struct scene *s = scene_of(1, 13889);
+    struct ls_spectrum *mixed = &s->deep;
+    memset(mixed, 0, sizeof *mixed);
+    for (int i = 0; i < 10; i++)
+        mixed->v[(600 - LS_SPECTRUM_FIRST_NM) / LS_SPECTRUM_STEP_NM + tenths - 1 - i] = 1;
+    for (int i = 0; i < 6; i++) {
+        show(s, LS_CONDITION_ONE, i % 2 ? R : DEEP, 65535);
+        lights(s, 19, W);
+    }
+    return s;
+}
+
+static void test_red(void)
+{
+    judge(red_and(8), false, "red flash at 3.6 Hz");
+    judge(red_and(7), false, NULL);
 }
 
 static void test_gaps(void)
@@ -223,6 +256,7 @@ int main(int argc, char **argv)
     g_test_add_func("/flashing/pulses-of-3-to-30-hz-are-refused-and-no-others", test_band);
     g_test_add_func("/flashing/bright-pictures-among-dim-ones-flash", test_bright);
     g_test_add_func("/flashing/colours-are-judged-one-by-one-and-red-apart", test_colours);
+    g_test_add_func("/flashing/four-fifths-of-red-are-red", test_red);
     g_test_add_func("/flashing/dark-gaps-flash-too", test_gaps);
     g_test_add_func("/flashing/one-step-at-a-time-has-no-pace", test_stepwise);
     g_test_add_func("/flashing/late-pulses-are-noticed-as-they-come", test_late);

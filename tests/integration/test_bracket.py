@@ -69,7 +69,7 @@ def test_a_camera_with_a_register_is_shot_exposure_by_exposure(folder):
     assert counted["settling_pulses"] == SETTLING, counted
 
 
-def test_a_killed_take_goes_on_with_the_exposures_it_has(folder):
+def test_an_aborted_take_goes_on_with_the_exposures_it_has(folder):
     rig = timed(folder)
     take = takes.begin(rig, PLAN)
     # in the second exposure of lights
