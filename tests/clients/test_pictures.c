@@ -54,20 +54,65 @@ static void a_take_is_fetched_and_relit_from_the_command_line(struct stage *stag
     made_take_free(take);
 }
 
-static struct ls_image relit(struct stage *stage, const struct made_take *take, const char *how)
+/* A picture that was written into the stage's folder. */
+static struct ls_image written(struct stage *stage, const char *name)
 {
     struct ls_image image = {0};
-    char *line = g_strdup_printf("relight %s %s/led.json %s --method nnls --output %s/t.exr",
-                                 take->id, stage->folder, how, stage->folder);
-    char *path = g_build_filename(stage->folder, "t.exr", NULL), *bytes = NULL;
+    char *path = g_build_filename(stage->folder, name, NULL), *bytes = NULL;
     gsize n = 0;
-    expect(stage->socket_path, line, 0, "7 lights used");
     g_assert_true(g_file_get_contents(path, &bytes, &n, NULL));
     g_assert_cmpint(ls_exr_read(bytes, n, NULL, SIZE_MAX, &image, NULL, NULL), ==, LS_OK);
     g_free(bytes);
     g_free(path);
-    g_free(line);
     return image;
+}
+
+static struct ls_image relit(struct stage *stage, const struct made_take *take, const char *how)
+{
+    char *line = g_strdup_printf("relight %s %s/led.json %s --method nnls --output %s/t.exr",
+                                 take->id, stage->folder, how, stage->folder);
+    expect(stage->socket_path, line, 0, "7 lights used");
+    g_free(line);
+    return written(stage, "t.exr");
+}
+
+static double mean_of(const struct ls_image *image, uint32_t x, uint32_t y, uint32_t side,
+                      uint32_t channel)
+{
+    double sum = 0, n = 0;
+    for (uint32_t v = y; v < MIN(y + side, image->height); v++)
+        for (uint32_t u = x; u < MIN(x + side, image->width); u++, n++)
+            sum += (double)image->pixels[((size_t)v * image->width + u) * 3 + channel];
+    return sum / n;
+}
+
+/* 150 x 140 pixels: a quarter of the width is 37 and a half. */
+static void a_level_is_the_mean_of_the_relit_pixels(struct stage *stage, gconstpointer data)
+{
+    struct made_take *take = make_take(stage->storage, true, -1);
+    char *file = g_build_filename(stage->folder, "w.json", NULL);
+    struct ls_image level[3];
+    g_assert_true(g_file_set_contents(file, "{\"W\": [1, 2, 0, 0.5, 3, 1, 4]}", -1, NULL));
+    for (uint32_t l = 0; l < 3; l++) {
+        char *line = g_strdup_printf("relight %s --weights %s --raw --level %u --output %s/t.exr",
+                                     take->id, file, l, stage->folder);
+        expect(stage->socket_path, line, 0, "6 lights used");
+        g_free(line);
+        level[l] = written(stage, "t.exr");
+        g_assert_cmpuint(level[l].width, ==, (TAKE_W + (1u << l) - 1) >> l);
+        g_assert_cmpuint(level[l].height, ==, (TAKE_H + (1u << l) - 1) >> l);
+    }
+    for (uint32_t l = 1; l < 3; l++)
+        for (uint32_t i = 0; i < level[l].width * level[l].height * 3; i++) {
+            uint32_t x = i / 3 % level[l].width, y = i / 3 / level[l].width, side = 1u << l;
+            double mean = mean_of(&level[0], x * side, y * side, side, i % 3);
+            /* of positive floats: one rounding, to the nearest */
+            g_assert_cmpfloat(fabs((double)level[l].pixels[i] - mean), <=, 6e-8 * fabs(mean));
+        }
+    for (uint32_t l = 0; l < 3; l++)
+        ls_image_finish(&level[l]);
+    g_free(file);
+    made_take_free(take);
 }
 
 /* The light of LED R is made with LED R, by strengths that all channels share or by its own for
@@ -272,6 +317,7 @@ int main(int argc, char **argv)
         a_take_is_fetched_and_relit_from_the_command_line);
     ADD("per-target-strengths-after-m-give-the-shared-picture",
         per_target_strengths_after_m_give_the_shared_picture);
+    ADD("a-level-is-the-mean-of-the-relit-pixels", a_level_is_the_mean_of_the_relit_pixels);
     ADD("a-light-named-twice-is-fetched-once", a_light_named_twice_is_fetched_once);
     ADD("a-damaged-take-is-listed-as-damaged", a_damaged_take_is_listed_as_damaged);
     ADD("the-camera-is-the-one-that-was-named", the_camera_is_the_one_that_was_named);
