@@ -1,4 +1,6 @@
+#include "clients/export_list.h"
 #include "clients/fetch_coefficients.h"
+#include "clients/fetch_factored.h"
 #include "clients/fetch_options.h"
 #include "clients/picture_attrs.h"
 #include "clients/picture_file.h"
@@ -18,13 +20,12 @@ struct fetch {
     struct ls_command_context *context;
     const struct ls_fetch_options *options;
     const struct ls_take_document *document;
+    struct ls_fetch_factored factored; /* if it is */
+    const char *channel;               /* of the picture that is written */
     struct ls_image image;
     struct ls_pixel_quality quality;
     struct ls_promotion_report report; /* of the last picture that came with one */
-    json_t *frames;
-    char *csv; /* text of the list, malloc */
-    size_t csv_bytes;
-    FILE *csv_stream; /* into it */
+    struct ls_export_list list;
     enum ls_err err;
     struct ls_diag diag; /* of err */
 };
@@ -38,7 +39,7 @@ static void fill_attributes(const struct fetch *fetch, const struct lightstage_b
     const struct ls_take_document *d = fetch->document;
     ls_picture_attrs_take(d, band->calibrated, attrs);
     ls_promotion_report_attrs(&fetch->report, false, attrs);
-    ls_picture_attrs_fetched(d, band, o->channel, attrs);
+    ls_picture_attrs_fetched(d, band, fetch->channel, attrs);
     ls_exr_attrs_string(attrs, "lightstage/cfa",
                         o->layout != LIGHTSTAGE_MOSAIC ? "none" : ls_cfa_name(d->cfa));
     ls_exr_attrs_string(attrs, "lightstage/units",
@@ -47,27 +48,35 @@ static void fill_attributes(const struct fetch *fetch, const struct lightstage_b
         ls_picture_attrs_light(d, band->light, attrs);
 }
 
+/* What it is a picture of, and what is known of its pixels. */
 static enum ls_err record(struct fetch *fetch, const char *path, const struct lightstage_band *band,
                           struct ls_diag *diag)
 {
     const struct ls_take_document *d = fetch->document;
+    struct ls_export_list *list = &fetch->list;
     json_t *flags = ls_pixel_quality_json(&fetch->quality, (size_t)band->width * band->height);
-    if (fetch->options->full_sphere || band->light >= d->n_lights) {
-        json_array_append_new(fetch->frames,
-                              json_pack("{ss so*}", "file", path, "validity", flags));
-        return LS_OK;
-    }
-    const float *v = d->direction[band->light];
-    double omega = d->omega_sr[band->light];
-    json_array_append_new(fetch->frames,
-                          json_pack("{ss sI s[fff] sf sf so*}", "file", path, "light",
-                                    (json_int_t)band->light, "direction", (double)v[0],
-                                    (double)v[1], (double)v[2], "solid_angle_sr", omega, "weight",
-                                    band->gain_k, "validity", flags));
-    if (fprintf(fetch->csv_stream, "%s,%u,%.9g,%.9g,%.9g,%.9g,%.9g\n", path, band->light,
-                (double)v[0], (double)v[1], (double)v[2], omega, band->gain_k) < 0)
-        return ls_fail(diag, LS_ERR_NOMEM, "out of memory for the list of pictures");
-    return LS_OK;
+    enum ls_err err = LS_OK;
+    if (fetch->options->full_sphere || band->light >= d->n_lights)
+        json_array_append_new(list->frames, json_pack("{ss}", "file", path));
+    else
+        err = ls_export_list_add(list, d, path, band->light, band->gain_k, diag);
+    json_t *frame = json_array_get(list->frames, json_array_size(list->frames) - 1);
+    if (fetch->options->factored)
+        json_object_set_new(frame, "channel", json_string(fetch->channel));
+    if (flags)
+        json_object_set_new(frame, "validity", flags);
+    return err;
+}
+
+/* PREFIX.exr, PREFIX.0001.exr, PREFIX.R.0001.exr */
+static int name_picture(const struct fetch *fetch, uint32_t light, char *path, size_t size)
+{
+    const struct ls_fetch_options *o = fetch->options;
+    if (o->full_sphere)
+        return snprintf(path, size, "%s.exr", o->output);
+    return o->factored
+               ? snprintf(path, size, "%s.%s.%04u.exr", o->output, fetch->channel, light + 1)
+               : snprintf(path, size, "%s.%04u.exr", o->output, light + 1);
 }
 
 static enum ls_err write_picture(struct fetch *fetch, const struct lightstage_band *band,
@@ -78,9 +87,7 @@ static enum ls_err write_picture(struct fetch *fetch, const struct lightstage_ba
     struct ls_exr_attrs attrs = {0};
     const struct ls_picture_place place =
         ls_level_place(&o->region, o->level, fetch->document->width, fetch->document->height);
-    int n = o->full_sphere ? snprintf(path, sizeof path, "%s.exr", o->output)
-                           : snprintf(path, sizeof path, "%s.%04u.exr", o->output, band->light + 1);
-    if (n >= (int)sizeof path)
+    if (name_picture(fetch, band->light, path, sizeof path) >= (int)sizeof path)
         return ls_fail(diag, LS_ERR_INVALID, "--output: the path is too long");
     fill_attributes(fetch, band, &attrs);
     enum ls_err err = ls_picture_file_exr(path, &fetch->image, o->half ? LS_EXR_HALF : LS_EXR_FLOAT,
@@ -93,8 +100,26 @@ static enum ls_err write_picture(struct fetch *fetch, const struct lightstage_ba
     return err;
 }
 
+/* Of each light as it comes, under every spectrum. */
+static enum ls_err put_factor(struct fetch *fetch, const struct lightstage_band *band)
+{
+    struct ls_fetch_factored *f = &fetch->factored;
+    bool whole = false;
+    enum ls_err err = ls_fetch_factored_take(f, band, &whole, &fetch->diag);
+    for (uint32_t s = 0; s < f->n && whole && !err; s++) {
+        fetch->channel = f->spectra[s];
+        fetch->report = f->reports[s];
+        err = ls_fetch_factored_expand(f, s, band->gain, &fetch->image, &fetch->diag);
+        if (!err)
+            err = write_picture(fetch, band, &fetch->diag);
+    }
+    return err;
+}
+
 static enum ls_err put_band(struct fetch *fetch, const struct lightstage_band *band)
 {
+    if (fetch->options->factored)
+        return put_factor(fetch, band);
     bool whole = false;
     enum ls_err err = ls_received_band(&fetch->image, &fetch->quality, band, &whole, &fetch->diag);
     if (!err && band->report)
@@ -124,7 +149,10 @@ static enum ls_err ask(struct fetch *fetch)
     const struct lightstage_fetch wish = {
         .size = sizeof wish,
         .take = fetch->document->id,
-        .channel = o->channel,
+        .channel = o->factored ? NULL : o->channel,
+        .factored = o->factored,
+        .spectra = fetch->factored.spectra,
+        .n_spectra = fetch->factored.n,
         .lights = lights,
         .n_lights = n,
         .full_sphere = o->full_sphere,
@@ -143,35 +171,13 @@ static enum ls_err ask(struct fetch *fetch)
     return fetch->err ? ls_fail(&context->diag, fetch->err, "%s", fetch->diag.text) : err;
 }
 
-static enum ls_err write_sidecars(struct fetch *fetch, const json_t *document)
+/* Of every spectrum, where there are several. */
+static void gather_reports(struct fetch *fetch)
 {
-    char path[4096];
-    char *text = json_dumps(document, JSON_INDENT(1) | JSON_REAL_PRECISION(9));
-    if (!text)
-        return ls_fail(&fetch->context->diag, LS_ERR_NOMEM, "out of memory");
-    snprintf(path, sizeof path, "%s.json", fetch->options->output);
-    enum ls_err err = ls_command_write_file(path, text, strlen(text), &fetch->context->diag);
-    free(text);
-    snprintf(path, sizeof path, "%s.csv", fetch->options->output);
-    return err ? err
-               : ls_command_write_file(path, fetch->csv, fetch->csv_bytes, &fetch->context->diag);
-}
-
-static enum ls_err open_list(struct fetch *fetch)
-{
-    fetch->frames = json_array();
-    fetch->csv_stream = open_memstream(&fetch->csv, &fetch->csv_bytes);
-    if (!fetch->frames || !fetch->csv_stream ||
-        fputs("file,light,x,y,z,solid_angle_sr,weight\n", fetch->csv_stream) < 0)
-        return ls_fail(&fetch->context->diag, LS_ERR_NOMEM, "out of memory");
-    return LS_OK;
-}
-
-static enum ls_err close_list(struct fetch *fetch)
-{
-    int failed = fetch->csv_stream && fclose(fetch->csv_stream);
-    fetch->csv_stream = NULL;
-    return failed ? ls_fail(&fetch->context->diag, LS_ERR_NOMEM, "out of memory") : LS_OK;
+    const struct ls_fetch_factored *f = &fetch->factored;
+    for (uint32_t s = 0; s < f->n; s++)
+        fetch->report.spectrum[s] = f->reports[s].spectrum[0];
+    fetch->report.n = fetch->options->factored ? f->n : fetch->report.n;
 }
 
 static void tell(const struct fetch *fetch, json_t *document)
@@ -180,30 +186,47 @@ static void tell(const struct fetch *fetch, json_t *document)
         ls_command_print_json(json_incref(document));
         return;
     }
-    printf("%zu pictures\n", json_array_size(fetch->frames));
+    printf("%zu pictures\n", json_array_size(fetch->list.frames));
     ls_promotion_report_print(&fetch->report);
 }
 
-static int fetch_pictures(struct fetch *fetch)
+static enum ls_err write_list(struct fetch *fetch, const json_t *document)
 {
-    enum ls_err err = open_list(fetch);
+    char json[4096], csv[4096];
+    const char *output = fetch->options->output;
+    snprintf(csv, sizeof csv, "%s.csv", output);
+    if (snprintf(json, sizeof json, "%s.json", output) >= (int)sizeof json)
+        return ls_fail(&fetch->context->diag, LS_ERR_INVALID, "--output: the path is too long");
+    return ls_export_list_write(&fetch->list, document, json, csv, &fetch->context->diag);
+}
+
+static enum ls_err fetch_pictures(struct fetch *fetch)
+{
+    struct ls_diag *diag = &fetch->context->diag;
+    enum ls_err err = ls_export_list_begin(&fetch->list, diag);
+    if (!err && fetch->options->factored)
+        err = ls_fetch_factored_init(&fetch->factored, fetch->channel, diag);
     if (!err)
         err = ask(fetch);
-    enum ls_err closed = close_list(fetch);
-    err = err ? err : closed;
-    json_t *document =
-        json_pack("{ss ss so sO}", "take", fetch->document->id, "channel", fetch->options->channel,
-                  "spectra", ls_promotion_report_json(&fetch->report), "frames", fetch->frames);
-    if (!err)
-        err = write_sidecars(fetch, document);
+    if (err)
+        return err;
+    gather_reports(fetch);
+    json_t *document = json_pack(
+        "{ss ss so sO}", "take", fetch->document->id, "channel", fetch->options->channel, "spectra",
+        ls_promotion_report_json(&fetch->report), "frames", fetch->list.frames);
+    err = write_list(fetch, document);
     if (!err)
         tell(fetch, document);
     json_decref(document);
-    json_decref(fetch->frames);
-    free(fetch->csv);
+    return err;
+}
+
+static void finish(struct fetch *fetch)
+{
+    ls_export_list_finish(&fetch->list);
     ls_image_finish(&fetch->image);
     ls_pixel_quality_finish(&fetch->quality);
-    return err ? ls_command_failed(fetch->context, err) : LS_EXIT_OK;
+    ls_fetch_factored_finish(&fetch->factored);
 }
 
 static int fetch_coefficients(struct ls_command_context *context, const char *take,
@@ -238,10 +261,12 @@ static int run(struct ls_command_context *context, int argc, char **argv)
         .context = context,
         .options = &options,
         .document = document,
+        .channel = options.channel,
         .quality = {.want_variance = options.variance, .want_validity = options.validity}};
-    code = fetch_pictures(&fetch);
+    enum ls_err err = fetch_pictures(&fetch);
+    finish(&fetch);
     ls_take_document_destroy(document);
-    return code;
+    return err ? ls_command_failed(context, err) : LS_EXIT_OK;
 }
 
 const struct ls_command ls_command_fetch = {
@@ -249,5 +274,7 @@ const struct ls_command ls_command_fetch = {
     "TAKE --channel NAME --output PREFIX [--lights 0,5,7-9] [--full-sphere]\n" LS_PROMOTION_USAGE
     "         [--layout mosaic|rgb|mono] [--estimate] [--half] [--validity] [--variance]\n"
     "         [--region X,Y,WIDTH,HEIGHT] [--level 0|1|2] [--camera N] [--json]\n"
+    "   or: TAKE --channel NAME,... --output PREFIX --factored --layout rgb --half ...\n"
+    "         several spectra by sphere or headlight for the bytes of one: PREFIX.NAME.0001.exr\n"
     "   or: TAKE --channel NAME --output PREFIX --coefficients harmonics|gradients ...",
     run};

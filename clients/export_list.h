@@ -1,5 +1,5 @@
 /*
- * export_list: which files an export consists of, as JSON and as CSV.
+ * export_list: which files an export, or a fetch, consists of, as JSON and as CSV.
  * Layer: clients. Threads: the main thread. Ownership: owns its texts; finish it.
  */
 #ifndef LS_CLIENTS_EXPORT_LIST_H

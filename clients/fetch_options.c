@@ -58,6 +58,9 @@ static int parse_option(struct ls_fetch_options *out, int option)
     case 13:
         out->variance = true;
         return LS_EXIT_OK;
+    case 15:
+        out->factored = true;
+        return LS_EXIT_OK;
     case 11:
         out->coefficients = optarg;
         return strcmp(optarg, "harmonics") == 0 || strcmp(optarg, "gradients") == 0
@@ -87,6 +90,17 @@ static int check_promotion(const struct ls_fetch_options *o)
     return LS_EXIT_OK;
 }
 
+/* A mean or a luminance of products is no product. */
+static int check_factored(const struct ls_fetch_options *o)
+{
+    bool product =
+        o->promotion.model == LIGHTSTAGE_SPHERE || o->promotion.model == LIGHTSTAGE_HEADLIGHT;
+    if (o->factored && (!product || o->layout != LIGHTSTAGE_RGB || !o->half || o->level))
+        return ls_command_wrong("fetch: --factored makes full-size RGB halves: add --layout rgb "
+                                "--half and --model sphere or headlight");
+    return LS_EXIT_OK;
+}
+
 int ls_fetch_options_parse(struct ls_command_context *context, int argc, char **argv,
                            struct ls_fetch_options *out)
 {
@@ -103,6 +117,7 @@ int ls_fetch_options_parse(struct ls_command_context *context, int argc, char **
                                             {"validity", no_argument, NULL, 12},
                                             {"variance", no_argument, NULL, 13},
                                             {"level", required_argument, NULL, 14},
+                                            {"factored", no_argument, NULL, 15},
                                             LS_PROMOTION_OPTIONS,
                                             LS_COMMON_OPTIONS};
     *out = (struct ls_fetch_options){.promotion.size = sizeof out->promotion};
@@ -128,5 +143,6 @@ int ls_fetch_options_parse(struct ls_command_context *context, int argc, char **
         return ls_command_wrong(
             "fetch: --validity and --variance are of photographed pixels: leave "
             "out --layout, --level and --coefficients");
-    return check_promotion(out);
+    int code = check_promotion(out);
+    return code ? code : check_factored(out);
 }

@@ -11,11 +11,12 @@
 #include <stdint.h>
 
 struct ls_fetch_options {
-    const char *channel, *lights, *output;
+    const char *channel; /* with factored: several, "R,A,B" */
+    const char *lights, *output;
     const char *coefficients; /* "harmonics", "gradients", or NULL: lights */
     struct lightstage_promotion promotion;
     enum lightstage_layout layout;
-    bool estimate, half, full_sphere, promoted, validity, variance;
+    bool estimate, half, full_sphere, promoted, validity, variance, factored;
     uint32_t camera, level;
     struct lightstage_region region;
 };

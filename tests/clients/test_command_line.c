@@ -38,6 +38,8 @@ static void wrong_command_lines_end_with_2_and_a_sentence(void)
         {"fetch x --channel R --output p --full-sphere --model sphere --layout rgb",
          "leave out --model sphere"},
         {"fetch x --channel W --output p --layout rgb --validity", "of photographed pixels"},
+        {"fetch x --channel R,A --output p --layout rgb --model sphere --factored", "--half"},
+        {"fetch x --channel R,A --output p --layout rgb --half --factored", "sphere or headlight"},
         {"fetch x --channel W --output p --coefficients harmonics --variance",
          "of photographed pixels"},
         {"relight x y --output z --camera -1", "the number of a camera"},

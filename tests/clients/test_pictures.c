@@ -152,6 +152,40 @@ static void per_target_strengths_after_m_give_the_shared_picture(struct stage *s
     made_take_free(take);
 }
 
+static char *bytes_of(struct stage *stage, const char *name, gsize *n)
+{
+    char *path = g_build_filename(stage->folder, name, NULL), *bytes = NULL;
+    g_assert_true(g_file_get_contents(path, &bytes, n, NULL));
+    g_free(path);
+    return bytes;
+}
+
+static void a_factored_fetch_writes_the_same_files(struct stage *stage, gconstpointer data)
+{
+    static const char *const ways[] = {"p --region 3,5,100,90", "f --factored --region 3,5,100,90",
+                                       "p", "f --factored"};
+    static const char *const names[] = {"p.0001.exr", "f.R.0001.exr", "p.0004.exr", "f.R.0004.exr"};
+    struct made_take *take = make_take(stage->storage, true, -1);
+    for (size_t i = 0; i < G_N_ELEMENTS(ways); i += 2) {
+        for (size_t k = 0; k < 2; k++) {
+            char *line = g_strdup_printf("fetch %s --channel R --lights 0,3 --layout rgb --half "
+                                         "--model sphere --output %s/%s",
+                                         take->id, stage->folder, ways[i + k]);
+            expect(stage->socket_path, line, 0, "2 pictures");
+            g_free(line);
+        }
+        for (size_t k = 0; k < G_N_ELEMENTS(names); k += 2) {
+            gsize n[2];
+            char *plain = bytes_of(stage, names[k], &n[0]);
+            char *factored = bytes_of(stage, names[k + 1], &n[1]);
+            g_assert_cmpmem(factored, n[1], plain, n[0]);
+            g_free(plain);
+            g_free(factored);
+        }
+    }
+    made_take_free(take);
+}
+
 static void a_light_named_twice_is_fetched_once(struct stage *stage, gconstpointer data)
 {
     struct made_take *take = make_take(stage->storage, true, -1);
@@ -318,6 +352,7 @@ int main(int argc, char **argv)
     ADD("per-target-strengths-after-m-give-the-shared-picture",
         per_target_strengths_after_m_give_the_shared_picture);
     ADD("a-level-is-the-mean-of-the-relit-pixels", a_level_is_the_mean_of_the_relit_pixels);
+    ADD("a-factored-fetch-writes-the-same-files", a_factored_fetch_writes_the_same_files);
     ADD("a-light-named-twice-is-fetched-once", a_light_named_twice_is_fetched_once);
     ADD("a-damaged-take-is-listed-as-damaged", a_damaged_take_is_listed_as_damaged);
     ADD("the-camera-is-the-one-that-was-named", the_camera_is_the_one_that_was_named);

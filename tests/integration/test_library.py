@@ -29,6 +29,19 @@ def fetched_by_control(rig, take):
     return [pictures.read(rig.path(f"control.{light:04d}.exr")) for light in (1, 8)]
 
 
+def check_factored(rig, take):
+    """Spectra multiplied by lightstagectl are those that the daemon multiplies, file by file."""
+    spectra = ("R", "A", "B")
+    how = ("--lights", "0,7", "--model", "sphere", "--layout", "rgb", "--half", "--output")
+    rig.control("fetch", take, "--channel", ",".join(spectra), "--factored", *how, rig.path("f"))
+    for channel in spectra:
+        rig.control("fetch", take, "--channel", channel, *how, rig.path("plain"))
+        for light in (1, 8):
+            with open(rig.path(f"plain.{light:04d}.exr"), "rb") as plain, \
+                    open(rig.path(f"f.{channel}.{light:04d}.exr"), "rb") as factored:
+                assert factored.read() == plain.read(), (channel, light)
+
+
 def test_takes_and_pictures_are_the_same_by_the_library_at_the_socket_and_by_tls(folder):
     rig = harness.twelve(folder, daemon_extra=LISTEN)
     rig.control("pki", "init", rig.path("pki"))
@@ -46,6 +59,7 @@ def test_takes_and_pictures_are_the_same_by_the_library_at_the_socket_and_by_tls
         for other in None, "operator", "reader":
             code, again, said = by_library(rig, take["id"], other)
             assert code == 0 and np.array_equal(again, expected), (other, said)
+    check_factored(rig, take["id"])
     before = len(rig.takes())
     code, _, said = by_library(rig, rig.path("plan.conf"), "reader")
     assert code == 1 and said.startswith("110: ") and len(rig.takes()) == before, said
