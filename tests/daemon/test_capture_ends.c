@@ -54,6 +54,17 @@ static void test_camera_gone(void)
     clear(s);
 }
 
+static void test_no_darks(void)
+{
+    struct stage *s = new_stage();
+    memset(s->options.faults, FAKE_LOST, sizeof s->options.faults);
+    g_assert_cmpint(shoot(s), ==, LS_ERR_TIMEOUT);
+    g_assert_nonnull(strstr(s->diag.text, "dark frames could not be had"));
+    g_assert_nonnull(strstr(s->diag.text, "resume"));
+    g_assert_cmpuint(fake_rig_last_lit_ns(s->rig), ==, 0);
+    clear(s);
+}
+
 static int fail_after(void *user, enum ls_disk_op op, const char *name, size_t *n_bytes)
 {
     struct stage *s = user;
@@ -173,6 +184,7 @@ int main(int argc, char **argv)
 {
     g_test_init(&argc, &argv, NULL);
     g_test_add_func("/capture/a-stalling-controller-is-waited-for", test_stall);
+    g_test_add_func("/capture/without-darks-no-light-is-lit", test_no_darks);
     g_test_add_func("/capture/a-controller-that-is-stuck-ends-the-take-dark", test_stuck);
     g_test_add_func("/capture/an-open-interlock-ends-the-take-with-its-name", test_interlock);
     g_test_add_func("/capture/a-camera-that-disappears-ends-the-take-dark", test_camera_gone);

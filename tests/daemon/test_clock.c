@@ -65,10 +65,13 @@ static void test_short_baseline(void)
     /* Six reads in 100 ms with 0.2 ms of queueing could "show" thousands of ppm. */
     struct device device = make_device(1e6, 100);
     struct ls_clock clock;
-    ls_clock_init(&clock, device.hz, 1000);
-    for (int i = 0; i < 6; i++)
-        read_clock(&device, &clock, 1e9 + i * 20e6);
-    g_assert_cmpfloat(fabs(ls_clock_drift_ppm(&clock)), <, 3 * LS_CLOCK_DRIFT_PPM);
+    for (int tries = 0; tries < 20; tries++) {
+        ls_clock_init(&clock, device.hz, 1000);
+        for (int i = 0; i < 6; i++)
+            read_clock(&device, &clock, 1e9 + i * 20e6);
+        /* three standard deviations of two crystals of 100 ppm */
+        g_assert_cmpfloat(fabs(ls_clock_drift_ppm(&clock)), <, 600);
+    }
     /* a second later: queueing's part plus at most 400 ppm of wrong drift */
     g_assert_cmpfloat(fabs(error_at(&device, &clock, 2.1e9)), <, 1e6);
     g_rand_free(device.rand);
