@@ -4,7 +4,6 @@
 #include "clients/numbered_name.h"
 #include "clients/picture_attrs.h"
 #include "clients/picture_file.h"
-#include "clients/promotion_option.h"
 #include "clients/relight_options.h"
 #include "clients/region_option.h"
 #include "clients/relight_request.h"
@@ -317,25 +316,13 @@ static int relight(struct ls_command_context *context, const struct ls_relight_o
     return code;
 }
 
-/* A matrix that was asked for by name takes the place of the calibration's. */
-static int use_profile(const struct ls_relight_options *options, struct ls_take_document *document)
-{
-    if (!document->calibration)
-        return ls_command_wrong("--profile %s: the take has no calibration to use it with",
-                                options->profile->name);
-    memcpy(document->calibration->m, options->profile->m, sizeof document->calibration->m);
-    document->calibration->has_m = true;
-    return LS_EXIT_OK;
-}
-
 static int run_with(struct ls_command_context *context, const struct ls_relight_options *options)
 {
     struct ls_take_document *document = NULL;
     int code = ls_take_document_get(context, options->take, options->camera, &document);
     if (code)
         return code;
-    if (options->profile)
-        code = use_profile(options, document);
+    code = ls_relight_use_profile(options, document);
     if (!code)
         code = relight(context, options, document);
     ls_take_document_destroy(document);
@@ -355,10 +342,7 @@ static int run(struct ls_command_context *context, int argc, char **argv)
 const struct ls_command ls_command_relight = {
     "relight",
     "A take under another light: a lat-long .hdr or .exr, or lobes or a captured light as .json",
-    "TAKE ENVIRONMENT... --output FILE.exr [--png FILE.png] [--raw]\n"
-    "         [--solve spectral|tristimulus|shared|per-target] [--method nnls|least-squares]\n"
-    "         [--tikhonov T] [--row-weights FILE.json]\n"
-    "         [--cells nearest|smooth] [--profile paper]\n"
+    "TAKE ENVIRONMENT... --output FILE.exr [--png FILE.png] [--raw]\n" LS_RELIGHT_SOLVE_USAGE
     "         [--rotate DEG,DEG,...] [--space rec709-linear|camera-raw]\n" LS_PROMOTION_USAGE
     "         [--region X,Y,WIDTH,HEIGHT] [--level 0|1|2] [--exposure STOPS] [--max-error E]\n"
     "         [--camera N] [--json]\n"

@@ -1,7 +1,6 @@
 #include "clients/relight_options.h"
 
 #include "clients/numbered_name.h"
-#include "clients/promotion_option.h"
 #include "clients/region_option.h"
 
 #include <math.h>
@@ -42,30 +41,102 @@ static int read_rows(struct ls_relight_options *out)
                : LS_EXIT_OK;
 }
 
-/* One option; LS_EXIT_OK or the exit code. */
+void ls_relight_options_init(struct ls_relight_options *out)
+{
+    out->promotion =
+        (struct lightstage_promotion){.size = sizeof out->promotion, .model = LIGHTSTAGE_SPHERE};
+}
+
+int ls_relight_option(struct ls_relight_options *out, int option)
+{
+    out->solved |= option == LS_RELIGHT_SOLVE || option == LS_RELIGHT_METHOD ||
+                   option == LS_RELIGHT_CELLS || option == LS_RELIGHT_TIKHONOV ||
+                   option == LS_RELIGHT_ROW_WEIGHTS;
+    switch (option) {
+    case LS_RELIGHT_RAW:
+        out->raw = true;
+        return LS_EXIT_OK;
+    case LS_RELIGHT_SOLVE:
+        return ls_light_solve_option(optarg, &out->solve.solve)
+                   ? LS_EXIT_OK
+                   : ls_command_wrong("--solve %s: expected spectral, tristimulus, shared or "
+                                      "per-target",
+                                      optarg);
+    case LS_RELIGHT_METHOD:
+        return ls_light_method_option(optarg, &out->solve.method)
+                   ? LS_EXIT_OK
+                   : ls_command_wrong("--method %s: expected nnls or least-squares", optarg);
+    case LS_RELIGHT_TIKHONOV:
+        out->solve.damped = true;
+        return number(optarg, &out->solve.tikhonov) && out->solve.tikhonov >= 0
+                   ? LS_EXIT_OK
+                   : ls_command_wrong("--tikhonov %s: expected 0 or more, of the mean diagonal",
+                                      optarg);
+    case LS_RELIGHT_ROW_WEIGHTS:
+        return read_rows(out);
+    case LS_RELIGHT_CELLS:
+        return ls_light_cells_option(optarg, &out->solve.smooth)
+                   ? LS_EXIT_OK
+                   : ls_command_wrong("--cells %s: expected nearest or smooth", optarg);
+    case LS_RELIGHT_PROFILE:
+        out->profile = ls_profile_find(optarg);
+        return out->profile ? LS_EXIT_OK : ls_command_wrong("--profile %s: expected paper", optarg);
+    case LS_RELIGHT_SPACE:
+        out->space = strcmp(optarg, "camera-raw") == 0 ? LS_MAP_CAMERA_RAW : LS_MAP_REC709_LINEAR;
+        if (out->space == LS_MAP_REC709_LINEAR && strcmp(optarg, "rec709-linear") != 0)
+            return ls_command_wrong("--space %s: expected rec709-linear or camera-raw", optarg);
+        return LS_EXIT_OK;
+    case LS_RELIGHT_MAX_ERROR:
+        return number(optarg, &out->max_error) && out->max_error >= 0
+                   ? LS_EXIT_OK
+                   : ls_command_wrong("--max-error %s: expected 0 or more", optarg);
+    case LS_RELIGHT_CAMERA:
+        return ls_camera_option(optarg, &out->camera)
+                   ? LS_EXIT_OK
+                   : ls_command_wrong("--camera %s: expected the number of a camera, from 0",
+                                      optarg);
+    case LS_RELIGHT_LEVEL:
+        return ls_level_option(optarg, &out->level)
+                   ? LS_EXIT_OK
+                   : ls_command_wrong("--level %s: expected 0 (full size), 1 or 2", optarg);
+    case LS_RELIGHT_REGION:
+        return ls_region_option(optarg, &out->region)
+                   ? LS_EXIT_OK
+                   : ls_command_wrong("--region %s: expected X,Y,WIDTH,HEIGHT", optarg);
+    default:
+        return ls_promotion_option(option, optarg, &out->promotion);
+    }
+}
+
+int ls_relight_options_settle(struct ls_relight_options *out)
+{
+    out->solve.model = out->promotion.model;
+    if (out->solve.solve == LS_LIGHT_TRISTIMULUS && (out->solve.damped || out->solve.rows))
+        return ls_command_wrong("--solve tristimulus solves nothing: leave out --tikhonov and "
+                                "--row-weights");
+    return LS_EXIT_OK;
+}
+
+int ls_relight_use_profile(const struct ls_relight_options *options,
+                           struct ls_take_document *document)
+{
+    if (!options->profile)
+        return LS_EXIT_OK;
+    if (!document->calibration)
+        return ls_command_wrong("--profile %s: the take has no calibration to use it with",
+                                options->profile->name);
+    memcpy(document->calibration->m, options->profile->m, sizeof document->calibration->m);
+    document->calibration->has_m = true;
+    return LS_EXIT_OK;
+}
+
+/* ---- of relight alone ---- */
+
+enum { OUTPUT = 1, PNG, ROTATE, EXPOSURE, WEIGHTS };
+
 static int set(struct ls_relight_options *out, int option)
 {
-    enum {
-        OUTPUT = 1,
-        PNG,
-        SOLVE,
-        ROTATE,
-        RAW,
-        SPACE,
-        REGION,
-        EXPOSURE,
-        MAX_ERROR,
-        WEIGHTS,
-        CAMERA,
-        METHOD,
-        CELLS,
-        PROFILE,
-        TIKHONOV,
-        ROW_WEIGHTS,
-        LEVEL
-    };
-    out->solved |= option == SOLVE || option == METHOD || option == CELLS || option == ROTATE ||
-                   option == TIKHONOV || option == ROW_WEIGHTS;
+    out->solved |= option == ROTATE;
     switch (option) {
     case OUTPUT:
         out->exr = optarg;
@@ -76,39 +147,6 @@ static int set(struct ls_relight_options *out, int option)
     case WEIGHTS:
         out->weights = true;
         out->lights[out->n_lights++] = optarg;
-        return LS_EXIT_OK;
-    case RAW:
-        out->raw = true;
-        return LS_EXIT_OK;
-    case SOLVE:
-        return ls_light_solve_option(optarg, &out->solve.solve)
-                   ? LS_EXIT_OK
-                   : ls_command_wrong("--solve %s: expected spectral, tristimulus, shared or "
-                                      "per-target",
-                                      optarg);
-    case METHOD:
-        return ls_light_method_option(optarg, &out->solve.method)
-                   ? LS_EXIT_OK
-                   : ls_command_wrong("--method %s: expected nnls or least-squares", optarg);
-    case TIKHONOV:
-        out->solve.damped = true;
-        return number(optarg, &out->solve.tikhonov) && out->solve.tikhonov >= 0
-                   ? LS_EXIT_OK
-                   : ls_command_wrong("--tikhonov %s: expected 0 or more, of the mean diagonal",
-                                      optarg);
-    case ROW_WEIGHTS:
-        return read_rows(out);
-    case CELLS:
-        return ls_light_cells_option(optarg, &out->solve.smooth)
-                   ? LS_EXIT_OK
-                   : ls_command_wrong("--cells %s: expected nearest or smooth", optarg);
-    case PROFILE:
-        out->profile = ls_profile_find(optarg);
-        return out->profile ? LS_EXIT_OK : ls_command_wrong("--profile %s: expected paper", optarg);
-    case SPACE:
-        out->space = strcmp(optarg, "camera-raw") == 0 ? LS_MAP_CAMERA_RAW : LS_MAP_REC709_LINEAR;
-        if (out->space == LS_MAP_REC709_LINEAR && strcmp(optarg, "rec709-linear") != 0)
-            return ls_command_wrong("--space %s: expected rec709-linear or camera-raw", optarg);
         return LS_EXIT_OK;
     case ROTATE:
         return set_turns(optarg, out)
@@ -121,25 +159,8 @@ static int set(struct ls_relight_options *out, int option)
         return number(optarg, &out->exposure) && fabs(out->exposure) <= 60
                    ? LS_EXIT_OK
                    : ls_command_wrong("--exposure %s: expected stops, -60 to 60", optarg);
-    case MAX_ERROR:
-        return number(optarg, &out->max_error) && out->max_error >= 0
-                   ? LS_EXIT_OK
-                   : ls_command_wrong("--max-error %s: expected 0 or more", optarg);
-    case CAMERA:
-        return ls_camera_option(optarg, &out->camera)
-                   ? LS_EXIT_OK
-                   : ls_command_wrong("--camera %s: expected the number of a camera, from 0",
-                                      optarg);
-    case LEVEL:
-        return ls_level_option(optarg, &out->level)
-                   ? LS_EXIT_OK
-                   : ls_command_wrong("--level %s: expected 0 (full size), 1 or 2", optarg);
-    case REGION:
-        return ls_region_option(optarg, &out->region)
-                   ? LS_EXIT_OK
-                   : ls_command_wrong("--region %s: expected X,Y,WIDTH,HEIGHT", optarg);
     default:
-        return ls_promotion_option(option, optarg, &out->promotion);
+        return ls_relight_option(out, option);
     }
 }
 
@@ -153,10 +174,9 @@ static int check(int argc, char **argv, struct ls_relight_options *out)
     if (out->weights && out->solved)
         return ls_command_wrong("relight: --weights are strengths already: leave out --solve, "
                                 "--method, --tikhonov, --row-weights, --cells and --rotate");
-    if (out->solve.solve == LS_LIGHT_TRISTIMULUS && (out->solve.damped || out->solve.rows))
-        return ls_command_wrong(
-            "relight: --solve tristimulus solves nothing: leave out --tikhonov and "
-            "--row-weights");
+    int code = ls_relight_options_settle(out);
+    if (code)
+        return code;
     out->take = argv[optind];
     for (int i = optind + 1; i < argc; i++)
         out->lights[out->n_lights++] = argv[i];
@@ -175,27 +195,14 @@ static int check(int argc, char **argv, struct ls_relight_options *out)
 int ls_relight_options_parse(struct ls_command_context *context, int argc, char **argv,
                              struct ls_relight_options *out)
 {
-    static const struct option options[] = {{"output", required_argument, NULL, 1},
-                                            {"png", required_argument, NULL, 2},
-                                            {"solve", required_argument, NULL, 3},
-                                            {"rotate", required_argument, NULL, 4},
-                                            {"raw", no_argument, NULL, 5},
-                                            {"space", required_argument, NULL, 6},
-                                            {"region", required_argument, NULL, 7},
-                                            {"exposure", required_argument, NULL, 8},
-                                            {"max-error", required_argument, NULL, 9},
-                                            {"weights", required_argument, NULL, 10},
-                                            {"camera", required_argument, NULL, 11},
-                                            {"method", required_argument, NULL, 12},
-                                            {"cells", required_argument, NULL, 13},
-                                            {"profile", required_argument, NULL, 14},
-                                            {"tikhonov", required_argument, NULL, 15},
-                                            {"row-weights", required_argument, NULL, 16},
-                                            {"level", required_argument, NULL, 17},
-                                            LS_PROMOTION_OPTIONS,
+    static const struct option options[] = {{"output", required_argument, NULL, OUTPUT},
+                                            {"png", required_argument, NULL, PNG},
+                                            {"rotate", required_argument, NULL, ROTATE},
+                                            {"exposure", required_argument, NULL, EXPOSURE},
+                                            {"weights", required_argument, NULL, WEIGHTS},
+                                            LS_RELIGHT_OPTIONS,
                                             LS_COMMON_OPTIONS};
-    out->promotion =
-        (struct lightstage_promotion){.size = sizeof out->promotion, .model = LIGHTSTAGE_SPHERE};
+    ls_relight_options_init(out);
     out->lights = calloc((size_t)argc, sizeof *out->lights);
     out->turns = calloc(LS_RELIGHT_MAX_TURNS, sizeof *out->turns);
     if (!out->lights || !out->turns)
@@ -207,7 +214,6 @@ int ls_relight_options_parse(struct ls_command_context *context, int argc, char 
         if (code)
             return code;
     }
-    out->solve.model = out->promotion.model;
     return check(argc, argv, out);
 }
 

@@ -9,6 +9,7 @@
 #include "clients/command.h"
 #include "clients/environment_file.h"
 #include "clients/light_weights.h"
+#include "clients/promotion_option.h"
 #include "core/profile.h"
 
 #include <stdbool.h>
@@ -37,6 +38,54 @@ struct ls_relight_options {
     struct lightstage_region region;
     uint32_t level;
 };
+
+/** Those that say how a picture is made, for a command's table. */
+enum {
+    LS_RELIGHT_SOLVE = 800,
+    LS_RELIGHT_RAW,
+    LS_RELIGHT_SPACE,
+    LS_RELIGHT_REGION,
+    LS_RELIGHT_MAX_ERROR,
+    LS_RELIGHT_CAMERA,
+    LS_RELIGHT_METHOD,
+    LS_RELIGHT_CELLS,
+    LS_RELIGHT_PROFILE,
+    LS_RELIGHT_TIKHONOV,
+    LS_RELIGHT_ROW_WEIGHTS,
+    LS_RELIGHT_LEVEL,
+};
+#define LS_RELIGHT_OPTIONS                                                \
+    {"solve", required_argument, NULL, LS_RELIGHT_SOLVE},                 \
+        {"raw", no_argument, NULL, LS_RELIGHT_RAW},                       \
+        {"space", required_argument, NULL, LS_RELIGHT_SPACE},             \
+        {"region", required_argument, NULL, LS_RELIGHT_REGION},           \
+        {"max-error", required_argument, NULL, LS_RELIGHT_MAX_ERROR},     \
+        {"camera", required_argument, NULL, LS_RELIGHT_CAMERA},           \
+        {"method", required_argument, NULL, LS_RELIGHT_METHOD},           \
+        {"cells", required_argument, NULL, LS_RELIGHT_CELLS},             \
+        {"profile", required_argument, NULL, LS_RELIGHT_PROFILE},         \
+        {"tikhonov", required_argument, NULL, LS_RELIGHT_TIKHONOV},       \
+        {"row-weights", required_argument, NULL, LS_RELIGHT_ROW_WEIGHTS}, \
+        {"level", required_argument, NULL, LS_RELIGHT_LEVEL}, LS_PROMOTION_OPTIONS
+/** The lines of a command's usage about how strengths are solved for. */
+#define LS_RELIGHT_SOLVE_USAGE                                                                  \
+    "         [--solve spectral|tristimulus|shared|per-target] [--method nnls|least-squares]\n" \
+    "         [--tikhonov T] [--row-weights FILE.json]\n"                                       \
+    "         [--cells nearest|smooth] [--profile paper]\n"
+
+/** The defaults of these. */
+void ls_relight_options_init(struct ls_relight_options *out);
+
+/** Take one of these options. LS_EXIT_OK or the exit code, said already. */
+int ls_relight_option(struct ls_relight_options *out, int option);
+
+/** What does not go together, and what follows from them. LS_EXIT_OK or the exit code. */
+int ls_relight_options_settle(struct ls_relight_options *out);
+
+/** A matrix that was asked for by name takes the place of the calibration's. LS_EXIT_OK or the exit
+ * code, said already. */
+int ls_relight_use_profile(const struct ls_relight_options *options,
+                           struct ls_take_document *document);
 
 /** LS_EXIT_OK or the exit code, said already. *out: zeroed; finish in any case. */
 int ls_relight_options_parse(struct ls_command_context *context, int argc, char **argv,
