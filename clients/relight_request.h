@@ -35,7 +35,7 @@ uint32_t ls_relight_at_once(const struct ls_relight_options *options,
 struct ls_relit_rows {
     uint32_t picture; /* of those that were asked for, from 0 */
     uint32_t width, height, first_row, n_rows;
-    const float *rgb; /* camera RGB, or after M (after_m) */
+    float *rgb; /* camera RGB, or after M (after_m); the callee's to change */
 };
 
 /** An error ends the request. */

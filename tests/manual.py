@@ -68,9 +68,23 @@ def check_commands():
     return wrong
 
 
+def check_render():
+    text = page("lightstage-render.1")
+    help_text = subprocess.run([os.path.join(os.path.dirname(CTL), "lightstage-render"), "--help"],
+                               check=True, capture_output=True, text=True).stdout
+    options = sorted(set(re.findall(r"--[a-z][a-z-]*", help_text)))
+    assert len(options) > 25, options
+    wrong = [f"lightstage-render.1 does not name {option}" for option in options
+             if not re.search(re.escape(option) + r"(?![a-z-])", text)]
+    found = set(complete("lightstage-render", "x", "--fr"))
+    return wrong + [f"--fr: {found}"] * (found != {"--frames"})
+
+
 def complete(*words):
-    script = (f"source {ROOT}/clients/lightstagectl.bash; COMP_WORDS=(\"$@\"); "
-              "COMP_CWORD=$(($# - 1)); _lightstagectl; printf '%s\\n' \"${COMPREPLY[@]}\"")
+    function = "_" + words[0].replace("-", "_")
+    script = (f"source {ROOT}/clients/{words[0]}.bash; COMP_WORDS=(\"$@\"); "
+              f"COMP_CWORD=$(($# - 1)); {function}; "
+              "printf '%s\\n' \"${COMPREPLY[@]}\"")
     run = subprocess.run(["bash", "-c", script, "bash", *words], check=True, capture_output=True,
                          text=True, env=ENV)
     return run.stdout.split()
@@ -102,6 +116,7 @@ def check_errors():
 def main():
     checks = (("every key of a file stands in its page", check_keys),
               ("every command and option stands in lightstagectl(1)", check_commands),
+              ("every option stands in lightstage-render(1), and bash completes it", check_render),
               ("the protocol lists every error", check_errors),
               ("bash completes commands and options", check_completion))
     print(f"1..{len(checks)}")
