@@ -1,5 +1,7 @@
 #include "clients/relit_space.h"
 
+#include "core/primaries.h"
+
 const float ls_rec709_primaries[8] = {0.64f, 0.33f, 0.30f, 0.60f, 0.15f, 0.06f, 0.3127f, 0.3290f};
 
 bool ls_relit_needs_m(const struct ls_take_document *document,
@@ -18,10 +20,5 @@ bool ls_relit_in_rec709(const struct ls_take_document *document,
 void ls_relit_apply_m(const struct ls_take_document *document, const float *rgb, size_t n,
                       float *out)
 {
-    const double(*m)[3] = (const double(*)[3])document->calibration->m;
-    for (size_t i = 0; i < n; i++, rgb += 3, out += 3) {
-        const double v[3] = {(double)rgb[0], (double)rgb[1], (double)rgb[2]};
-        for (int r = 0; r < 3; r++)
-            out[r] = (float)(m[r][0] * v[0] + m[r][1] * v[1] + m[r][2] * v[2]);
-    }
+    ls_colours_apply((const double(*)[3])document->calibration->m, rgb, n, out);
 }

@@ -1,3 +1,4 @@
+#include "core/primaries.h"
 #include "core/spectrum.h"
 
 #include <math.h>
@@ -41,49 +42,10 @@ enum ls_err ls_daylight(double kelvin, struct ls_spectrum *out)
     return LS_OK;
 }
 
-/* xy of ITU-R BT.709-6: red, green, blue, white */
-static const double rec709_xy[4][2] = {
-    {0.640, 0.330}, {0.300, 0.600}, {0.150, 0.060}, {0.3127, 0.3290}};
-
-static void xyz_of_xy(const double xy[2], double xyz[3])
-{
-    xyz[0] = xy[0] / xy[1];
-    xyz[1] = 1;
-    xyz[2] = (1 - xy[0] - xy[1]) / xy[1];
-}
-
-static void cross(const double a[3], const double b[3], double out[3])
-{
-    out[0] = a[1] * b[2] - a[2] * b[1];
-    out[1] = a[2] * b[0] - a[0] * b[2];
-    out[2] = a[0] * b[1] - a[1] * b[0];
-}
-
-static double dot(const double a[3], const double b[3])
-{
-    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
-}
-
-/* row[c] . XYZ = rgb_c: the rows of the inverse are cross products, each scaled so that white
- * reads 1 */
-static void rec709_rows(double row[3][3])
-{
-    double primary[3][3], white[3];
-    for (int c = 0; c < 3; c++)
-        xyz_of_xy(rec709_xy[c], primary[c]);
-    xyz_of_xy(rec709_xy[3], white);
-    for (int c = 0; c < 3; c++) {
-        cross(primary[(c + 1) % 3], primary[(c + 2) % 3], row[c]);
-        double s = dot(row[c], white);
-        for (int k = 0; k < 3; k++)
-            row[c][k] /= s;
-    }
-}
-
 void ls_rec709_functionals(struct ls_spectrum out[3])
 {
     double row[3][3], y = ls_spectrum_integral(&ls_cie_1931[1]);
-    rec709_rows(row);
+    ls_primaries_from_xyz(&ls_primaries_rec709, row);
     for (int c = 0; c < 3; c++)
         for (int i = 0; i < LS_SPECTRUM_N; i++)
             out[c].v[i] = (row[c][0] * ls_cie_1931[0].v[i] + row[c][1] * ls_cie_1931[1].v[i] +
