@@ -12,7 +12,7 @@
 #include <unistd.h>
 
 struct options {
-    const char *channels, *lights, *folder;
+    const char *channels, *lights, *folder, *space;
     struct lightstage_promotion promotion;
     bool half, packed;
     uint32_t camera;
@@ -35,6 +35,7 @@ static int parse(struct ls_command_context *context, int argc, char **argv, stru
                                             {"half", no_argument, NULL, 3},
                                             {"camera", required_argument, NULL, 4},
                                             {"packed", no_argument, NULL, 5},
+                                            {"space", required_argument, NULL, 6},
                                             LS_PROMOTION_OPTIONS,
                                             LS_COMMON_OPTIONS};
     out->promotion =
@@ -49,6 +50,8 @@ static int parse(struct ls_command_context *context, int argc, char **argv, stru
             out->half = true;
         else if (option == 5)
             out->packed = true;
+        else if (option == 6)
+            out->space = optarg;
         else if (option == 4 && !ls_camera_option(optarg, &out->camera))
             return ls_command_wrong("--camera %s: expected the number of a camera, from 0", optarg);
         else if (option != 4 && (code = ls_promotion_option(option, optarg, &out->promotion)))
@@ -132,7 +135,10 @@ static enum ls_err report(struct work *work)
 static enum ls_err export_take(struct work *work)
 {
     struct ls_diag *diag = &work->context->diag;
-    enum ls_err err = ls_export_begin(&work->export, work->options->channels);
+    enum ls_err err =
+        ls_export_space_begin(&work->export.space, work->options->space, work->document, diag);
+    if (!err)
+        err = ls_export_begin(&work->export, work->options->channels);
     if (!err && mkdir(work->options->folder, 0777) && errno != EEXIST)
         err = ls_fail(diag, LS_ERR_INVALID, "%s: %s", work->options->folder, strerror(errno));
     if (!err)
@@ -144,7 +150,7 @@ static enum ls_err export_take(struct work *work)
 
 static int run(struct ls_command_context *context, int argc, char **argv)
 {
-    struct options options = {0};
+    struct options options = {.space = "camera"};
     struct ls_take_document *document = NULL;
     int code = parse(context, argc, argv, &options);
     if (!code)
@@ -171,5 +177,5 @@ static int run(struct ls_command_context *context, int argc, char **argv)
 const struct ls_command ls_command_export = {
     "export", "Every light's spectra as one OpenEXR file, with a JSON and a CSV list beside them",
     "TAKE FOLDER [--channels W,R,...] [--lights 0,5,7-9] [--half] [--packed]\n" LS_PROMOTION_USAGE
-    "         [--camera N] [--json]\n",
+    "         [--space camera|rec709|acescg] [--camera N] [--json]\n",
     run};

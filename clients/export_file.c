@@ -47,10 +47,11 @@ static enum ls_err choose_spectra(struct ls_export *export, const char *list)
 static void make_recipe(struct ls_export *export)
 {
     const struct lightstage_promotion *p = &export->promotion;
-    size_t n = (size_t)snprintf(export->recipe, sizeof export->recipe, "%s %u %d%d%d %s%s",
+    size_t n = (size_t)snprintf(export->recipe, sizeof export->recipe, "%s %u %d%d%d %s%s %s",
                                 lightstage_model_name(p->model), export->camera, (int)p->reference,
                                 p->ideal_polarisation, p->plain_conductors,
-                                export->half ? "half" : "float", export->packed ? " packed" : "");
+                                export->half ? "half" : "float", export->packed ? " packed" : "",
+                                export->space.name);
     for (uint32_t s = 0; s < export->n_spectra && n < sizeof export->recipe; s++)
         n += (size_t)snprintf(export->recipe + n, sizeof export->recipe - n, " %s",
                               export->spectra[s].name);
@@ -77,6 +78,7 @@ static void describe(struct ls_export *export, struct ls_export_spectrum *spectr
     ls_promotion_report_attrs(&report, false, attrs);
     ls_picture_attrs_fetched(export->document, band, spectrum->name, attrs);
     ls_picture_attrs_light(export->document, light, attrs);
+    ls_export_space_attrs(&export->space, attrs);
     ls_exr_attrs_string(attrs, "lightstage/cfa", "none");
     ls_exr_attrs_string(attrs, "lightstage/units", "R");
     ls_exr_attrs_string(attrs, "lightstage/positionUnits",
@@ -104,6 +106,13 @@ static int take_band(const struct lightstage_band *band, void *user)
     return r->err != LS_OK;
 }
 
+static void convert(const struct ls_export *export, struct ls_image *image)
+{
+    if (export->space.primaries)
+        ls_colours_apply(export->space.from_camera, image->pixels,
+                         (size_t)image->width * image->height, image->pixels);
+}
+
 static enum ls_err fetch(struct ls_export *export, struct ls_export_spectrum *spectrum,
                          uint32_t light)
 {
@@ -117,7 +126,7 @@ static enum ls_err fetch(struct ls_export *export, struct ls_export_spectrum *sp
         .n_lights = 1,
         .promotion = spectrum->photographed ? &measured : &export->promotion,
         .layout = export->document->mono ? LIGHTSTAGE_MONO : LIGHTSTAGE_RGB,
-        .sample = export->half ? LIGHTSTAGE_HALF : LIGHTSTAGE_FLOAT,
+        .sample = export->half && !export->space.primaries ? LIGHTSTAGE_HALF : LIGHTSTAGE_FLOAT,
         .camera = export->camera,
     };
     struct received r = {.export = export, .spectrum = spectrum, .light = light};
@@ -126,8 +135,10 @@ static enum ls_err fetch(struct ls_export *export, struct ls_export_spectrum *sp
         return r.err;
     if (number)
         return ls_command_said(context, number);
-    return r.whole ? LS_OK
-                   : ls_fail(&context->diag, LS_ERR_INVALID, "the daemon sent less than a picture");
+    if (!r.whole)
+        return ls_fail(&context->diag, LS_ERR_INVALID, "the daemon sent less than a picture");
+    convert(export, &spectrum->image);
+    return LS_OK;
 }
 
 /* ---- the file ---- */

@@ -5,11 +5,13 @@
  *
  * Of several spectra each is a part and a layer of the same name: channels W.R W.G W.B (a mono
  * camera's W.Y) in part W, so that programs that go by parts and those that go by channels find
- * the same. Of one alone: R G B.
+ * the same. Of one alone: R G B. In the camera's own colours the values are those of a fetch, bit
+ * for bit; in another space they are fetched as floats, converted, and rounded once.
  */
 #ifndef LS_CLIENTS_EXPORT_FILE_H
 #define LS_CLIENTS_EXPORT_FILE_H
 
+#include "clients/export_space.h"
 #include "clients/take_document.h"
 #include "core/exr.h"
 
@@ -29,6 +31,7 @@ struct ls_export {
     struct lightstage_promotion promotion; /* of what was not photographed light by light */
     bool half, packed;
     uint32_t camera;
+    struct ls_export_space space;
     struct ls_export_spectrum spectra[LS_DOCUMENT_CHANNELS];
     uint32_t n_spectra;
     char recipe[512]; /* what a file must have been made by to be left as it is */

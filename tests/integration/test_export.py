@@ -48,6 +48,58 @@ def packed_is_the_same_and_smaller(rig, take):
     assert os.path.getsize(b) < os.path.getsize(a)
 
 
+def xyz(primaries):
+    """The matrix from linear RGB to XYZ of red, green, blue, white in xy."""
+    xy = np.array(primaries, float).reshape(4, 2)
+    columns = np.stack([xy[:, 0] / xy[:, 1], np.ones(4), (1 - xy.sum(axis=1)) / xy[:, 1]])
+    return columns[:, :3] * np.linalg.solve(columns[:, :3], columns[:, 3]), columns[:, 3]
+
+
+REC709 = 0.64, 0.33, 0.30, 0.60, 0.15, 0.06, 0.3127, 0.3290
+ACESCG = 0.713, 0.293, 0.165, 0.830, 0.128, 0.044, 0.32168, 0.33767
+
+
+def rec709_to_acescg():
+    (source, d65), (target, aces) = xyz(REC709), xyz(ACESCG)
+    bradford = np.array([[0.8951, 0.2664, -0.1614], [-0.7502, 1.7135, 0.0367],
+                         [0.0389, -0.0685, 1.0296]])
+    adapted = np.linalg.solve(bradford, np.diag(bradford @ aces / (bradford @ d65)) @ bradford)
+    return np.linalg.solve(target, adapted @ source)
+
+
+def told_primaries(path):
+    kind, value = pictures.attributes(path)["chromaticities"]
+    assert kind == "chromaticities"
+    return np.frombuffer(value, "<f4")
+
+
+def colours_are_those_of_the_matrix(rig, take):
+    """Of every value v of matrix m at most 2^-24 of the result, rounded, and as much of the sum of
+    |m v| for numpy's own way of adding; of a half, 2^-11, or half of the smallest there is."""
+    with open(os.path.join(rig.path("takes"), take, "take.json"), encoding="utf-8") as file:
+        m = np.array(json.load(file)["calibration"]["M"])
+    camera = os.path.join(rig.path("out"), f"{take}.0008.exr")
+    for name, matrix, primaries in (("rec709", m, REC709), ("acescg", rec709_to_acescg() @ m, ACESCG)):
+        samples = {"": (2.0**-24, 0), "--half": (2.0**-11, 2.0**-25)}
+        for sample, (step, least) in list(samples.items())[:2 if name == "acescg" else 1]:
+            rig.control("export", take, rig.path(name), "--lights", "7", "--channels", "W,B",
+                        "--space", name, *sample.split())
+            path = os.path.join(rig.path(name), f"{take}.0008.exr")
+            assert np.array_equal(told_primaries(path), np.float32(primaries))
+            told = {key: value for key, (_, value) in pictures.attributes(path).items()}
+            assert told["lightstage/space"].decode().startswith(name), told
+            assert np.array_equal(np.frombuffer(told["adoptedNeutral"], "<f4"),
+                                  np.float32(primaries[6:]))
+            for channel in "WB":
+                v = pictures.read(camera, channel)
+                size = np.abs(v) @ np.abs(matrix).T
+                wrong = np.abs(pictures.read(path, channel) - v @ matrix.T)
+                assert np.all(wrong <= step * size + least), (name, channel, (wrong / size).max())
+    assert "chromaticities" not in pictures.attributes(camera)
+    harness.refuses("--space srgb: expected camera, rec709 or acescg",
+                    lambda: exported(rig, take, "--space", "srgb"), code=2)
+
+
 def what_is_whole_is_skipped(rig, take, files):
     before = [os.stat(path).st_mtime_ns for path in files]
     with open(files[1], "rb") as file:
@@ -79,6 +131,7 @@ def test_export_writes_what_fetch_brings_and_skips_what_is_whole(folder):
     else:
         print("# oiiotool is not installed: attributes are not read back by it")
     packed_is_the_same_and_smaller(rig, take)
+    colours_are_those_of_the_matrix(rig, take)
     what_is_whole_is_skipped(rig, take, files)
     harness.refuses("--channels X", lambda: exported(rig, take, "--channels", "X"))
 
