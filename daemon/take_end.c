@@ -9,18 +9,32 @@
 #include <stdlib.h>
 #include <string.h>
 
-/* "cam0/W-0137" of everything not published; NULL-terminated, (transfer full). */
+static void free_names(char **names, size_t n)
+{
+    for (size_t i = 0; i < n; i++)
+        free(names[i]);
+    free(names);
+}
+
+/* "cam0/W-0137" of everything not published; NULL-terminated, (transfer full). NULL: no memory for
+ * all of them; what is missing and has no name would make the take look complete. */
 static char **list_missing(const struct ls_take_end *in, const struct ls_takedir *dir, size_t *n)
 {
     uint32_t n_cameras = in->config->n_cameras;
     char **out = calloc((size_t)in->plan->n_conditions * n_cameras + 1, sizeof *out);
+    bool named = true;
     *n = 0;
-    for (uint32_t i = 0; out && i < in->plan->n_conditions; i++)
-        for (uint32_t k = 0; k < n_cameras; k++)
-            if (!ls_takedir_find(dir, in->plan->conditions[i].id, k) &&
-                asprintf(&out[*n], "cam%u/%s", k, in->plan->conditions[i].id) > 0)
-                (*n)++;
-    return out;
+    for (uint32_t i = 0; out && named && i < in->plan->n_conditions; i++)
+        for (uint32_t k = 0; named && k < n_cameras; k++)
+            if (!ls_takedir_find(dir, in->plan->conditions[i].id, k)) {
+                named = asprintf(&out[*n], "cam%u/%s", k, in->plan->conditions[i].id) > 0;
+                *n += named;
+            }
+    if (out && named)
+        return out;
+    free_names(out, *n);
+    *n = 0;
+    return NULL;
 }
 
 static enum ls_take_state end_state(enum ls_err err, size_t n_missing)
@@ -118,9 +132,7 @@ enum ls_err ls_take_end(const struct ls_take_end *in, struct ls_take_ending *out
                                      .n_missing = n_missing};
     if (!err)
         err = ls_store_set_state(in->store, &end, diag);
-    for (size_t i = 0; i < n_missing; i++)
-        free(missing[i]);
-    free(missing);
+    free_names(missing, n_missing);
     ls_takedir_close(dir);
     return err;
 }

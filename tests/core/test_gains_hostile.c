@@ -300,14 +300,39 @@ static void test_colour_factor(void)
         }
     }
     strength[3 * 4 + 2] *= 1.03;
+    for (int c = 0; c < 3; c += 2) /* of two that differ one is known too badly to say so */
+        strength[3 * 6 + c] *= 1.03;
+    sigma[3 * 6] = 6e-3 * strength[3 * 6];
     g_assert_cmpint(ls_gains_solve(&in, &out, NULL), ==, LS_OK);
     double all = k[4] * colour[3 * 4 + 2];
     g_test_message("k %.4f, colour factors %.4f %.4f %.4f", k[4], colour[12], colour[13],
                    colour[14]);
     g_assert_cmpfloat(fabs(all * 1.03 - 1), <, 0.003);
     for (int i = 0; i < N; i++)
-        for (int c = 0; c < 3 && i != 4; c++)
+        for (int c = 0; c < 3 && i != 4 && i != 6; c++)
             g_assert_cmpfloat(colour[3 * i + c], ==, 1);
+    g_assert_cmpfloat(colour[3 * 6], ==, 1);
+    g_assert_cmpfloat(colour[3 * 6 + 2], <, 0.995);
+}
+
+/* A light known to a third of the spread leans on the others by a tenth, and says what it then
+ * knows. */
+static void test_leaning(void)
+{
+    struct fixture *f = fixture();
+    for (int c = 0; c < 2; c++) {
+        f->strength[2 * 5 + c] = 1.3 * (c ? 50 : 100);
+        f->sigma[2 * 5 + c] = 0.05 * f->strength[2 * 5 + c]; /* of no SNR of 100 */
+    }
+    g_assert_cmpint(ls_gains_solve(&f->in, &f->out, NULL), ==, LS_OK);
+    double own = 2 / (0.05 * 0.05), spread = log(1.1 / 0.9) / 2, theirs = 1 / (spread * spread);
+    double g = exp((own * log(1.3) + theirs * log(0.99) / 2) / (own + theirs));
+    g_test_message("k %.4f +- %.4f, expected %.4f", f->k[5], f->sigma_k[5], 1 / g);
+    /* the mean of g holds this light too: a fortieth of what it is above 1; and of odd ones one is
+     * missing among the others */
+    g_assert_cmpfloat(fabs(f->k[5] / f->k[0] * g / 0.9 - 1), <, 0.002);
+    g_assert_cmpfloat(fabs(f->sigma_k[5] / f->k[5] * sqrt(own + theirs) - 1), <, 0.01);
+    g_free(f);
 }
 
 int main(int argc, char **argv)
@@ -321,6 +346,7 @@ int main(int argc, char **argv)
     g_test_add_func("/gains/a-sphere-of-a-few-pixels-is-refused", test_too_small);
     g_test_add_func("/gains/nothing-to-compare-is-refused", test_gains_refused);
     g_test_add_func("/gains/a-dead-and-an-unseen-light-are-flagged-alone", test_single_faults);
+    g_test_add_func("/gains/a-light-known-badly-leans-on-the-others", test_leaning);
     g_test_add_func("/gains/a-colour-that-differs-gets-its-factor", test_colour_factor);
     return g_test_run();
 }

@@ -230,6 +230,27 @@ static void test_spare(gconstpointer world)
     rows_free(rows);
 }
 
+/* The error is of the noise that is told: rows without any put the spare where it is asked to be.
+ */
+static void test_five_sigma(gconstpointer world)
+{
+    static const double sigmas[] = {-5.05, -4.95, 4.95, 5.05};
+    const double read = 25 / (WHITE_E * WHITE_E), one = 2.0 / (ORDER + 1);
+    const double sigma = one * sqrt(ORDER * read / PIXELS);
+    struct noise noise = {.state = 1};
+    for (size_t k = 0; k < G_N_ELEMENTS(sigmas); k++) {
+        struct ls_multiplex_spare spare;
+        float **rows = photograph(world, &noise, 0, 0, sigmas[k] * sigma / one);
+        g_assert_cmpint(ls_multiplex_spare(ORDER, LIGHTS, 1, (const float *const *)rows, PIXELS,
+                                           read, 0, 0, &spare, NULL),
+                        ==, LS_OK);
+        /* rows are floats: 6e-8 of a row each, against a thousandth of one */
+        g_assert_cmpfloat_with_epsilon(spare.mean / spare.sigma, sigmas[k], 0.04);
+        g_assert_true(spare.alarm == (fabs(sigmas[k]) > 5));
+        rows_free(rows);
+    }
+}
+
 static void test_refusals(void)
 {
     double weights[11] = {0}, row[23];
@@ -323,6 +344,8 @@ int main(int argc, char **argv)
     WORLD("/multiplex/a-sum-of-lights-needs-no-decoding", test_sums);
     WORLD("/multiplex/read-noise-falls-and-shot-noise-rises-as-theory-says", test_noise);
     WORLD("/multiplex/the-spare-column-tells-of-steady-light", test_spare);
+    g_test_add_data_func("/multiplex/the-spare-column-alarms-at-five-sigma", &world,
+                         test_five_sigma);
     g_test_add_func("/multiplex/what-does-not-fit-is-refused", test_refusals);
     WORLD("/bases/coefficients-are-the-projection-of-the-truth", test_harmonics);
     WORLD("/bases/gradients-of-a-lambertian-tell-its-normal", test_gradients);

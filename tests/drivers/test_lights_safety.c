@@ -72,6 +72,7 @@ static void test_limits_of_the_host(void)
         {LS_CONDITION_ONE, 65535, 75, 10000, 1, NULL},
         {LS_CONDITION_ONE, 65534, 75, 10000, 1,
          "75 us is 25 us over a whole number of the controller's PWM periods of 50 us: use 50 us"},
+        {LS_CONDITION_ONE, 65534, 101, 10000, 1, "101 us is 1 us over a whole number"},
         {LS_CONDITION_ONE, 65535, 50, 9999, 1,
          "period 9999 us: 1 us shorter than the controller's"},
         {LS_CONDITION_ONE, 65535, 50, 10000, 9, "9 steps: 1 more than the controller's 8"},
