@@ -155,7 +155,10 @@ int ls_command_open(struct ls_command_context *context)
     if (!lightstage_connect(&address, &context->stage, &context->error))
         return LS_EXIT_OK;
     clean(context->error.text);
-    ls_command_wrong("%s", context->error.text);
+    ls_command_wrong("%s%s", context->error.text,
+                     context->error.number == LIGHTSTAGE_UNREACHABLE && !context->server
+                         ? " with --socket or LIGHTSTAGED_SOCKET"
+                         : "");
     return LS_EXIT_UNREACHABLE;
 }
 

@@ -4,13 +4,11 @@
 #include "proto/frame.h"
 
 #include <errno.h>
-#include <stdio.h>
 #include <stdbool.h>
 #include <stdlib.h>
 #include <string.h>
 #include <sys/socket.h>
 #include <sys/uio.h>
-#include <sys/un.h>
 #include <unistd.h>
 
 enum { READ_BYTES = 256 * 1024, MOST_FDS = 4 };
@@ -265,44 +263,8 @@ enum ls_err ls_connection_call(struct ls_connection *connection, uint16_t type,
     return err;
 }
 
-static enum ls_err greet(struct ls_connection *connection, struct ls_diag *diag)
-{
-    Lightstage__Hello hello = LIGHTSTAGE__HELLO__INIT;
-    struct ls_reply reply;
-    hello.version = LS_FRAME_VERSION;
-    hello.client = program_invocation_short_name;
-    enum ls_err err =
-        ls_connection_call(connection, LS_MESSAGE_HELLO, &hello.base, NULL, 0, &reply, diag);
-    if (!err)
-        ls_reply_finish(&reply);
-    return err;
-}
-
-static enum ls_err connect_unix(const char *path, int *out, struct ls_diag *diag)
-{
-    struct sockaddr_un address = {.sun_family = AF_UNIX};
-    if (strlen(path) >= sizeof address.sun_path)
-        return ls_fail(diag, LS_ERR_INVALID, "socket path %s: at most %zu characters", path,
-                       sizeof address.sun_path - 1);
-    strcpy(address.sun_path, path);
-    int fd = socket(AF_UNIX, SOCK_STREAM | SOCK_CLOEXEC, 0);
-    if (fd < 0)
-        return ls_fail(diag, LS_ERR_OS, "socket: %s", strerror(errno));
-    if (connect(fd, (const struct sockaddr *)&address, sizeof address)) {
-        int reason = errno;
-        close(fd);
-        return ls_fail(diag, LS_ERR_NOT_FOUND,
-                       "no lightstaged answers at %s (%s): start it, or name its socket with "
-                       "--socket or LIGHTSTAGED_SOCKET",
-                       path, strerror(reason));
-    }
-    *out = fd;
-    return LS_OK;
-}
-
-/* Over @fd or @secure, either (transfer full). */
-static enum ls_err begin(int fd, struct ls_secure *secure, struct ls_connection **out,
-                         struct ls_diag *diag)
+enum ls_err ls_connection_over(int fd, struct ls_secure *secure, struct ls_connection **out,
+                               struct ls_diag *diag)
 {
     struct ls_connection *connection = calloc(1, sizeof *connection);
     uint8_t *in = malloc(READ_BYTES);
@@ -318,26 +280,6 @@ static enum ls_err begin(int fd, struct ls_secure *secure, struct ls_connection 
     connection->secure = secure;
     connection->in = in;
     ls_frame_decoder_init(&connection->decoder, max_payload);
-    enum ls_err err = greet(connection, diag);
-    if (err)
-        ls_connection_close(connection);
-    else
-        *out = connection;
-    return err;
-}
-
-enum ls_err ls_connection_open(const char *socket_path, struct ls_connection **out,
-                               struct ls_diag *diag)
-{
-    int fd = -1;
-    enum ls_err err = connect_unix(socket_path, &fd, diag);
-    return err ? err : begin(fd, NULL, out, diag);
-}
-
-enum ls_err ls_connection_open_remote(const struct ls_remote *remote, struct ls_connection **out,
-                                      struct ls_diag *diag)
-{
-    struct ls_secure *secure = NULL;
-    enum ls_err err = ls_secure_connect(remote, &secure, diag);
-    return err ? err : begin(ls_secure_fd(secure), secure, out, diag);
+    *out = connection;
+    return LS_OK;
 }

@@ -28,15 +28,23 @@ struct ls_reply {
 
 void ls_reply_finish(struct ls_reply *reply);
 
-/**
- * Connect to the Unix socket and say Hello. Errors: LS_ERR_NOT_FOUND (nobody there),
- * LS_ERR_UNSUPPORTED (another version), LS_ERR_REFUSED (turned away; see ls_connection_error),
- * LS_ERR_GONE. *out: (transfer full).
- */
+/** Connect to the daemon that remote->url names, the path of a Unix socket too. Errors:
+ * LS_ERR_NOT_FOUND (nobody there), those of ls_secure_connect. *out: (transfer full). */
+LS_MUST_CHECK enum ls_err ls_connection_reach(const struct ls_remote *remote,
+                                              struct ls_connection **out, struct ls_diag *diag);
+
+/** The same over @fd or @secure, either (transfer full). */
+LS_MUST_CHECK enum ls_err ls_connection_over(int fd, struct ls_secure *secure,
+                                             struct ls_connection **out, struct ls_diag *diag);
+
+/** Say Hello. Errors: LS_ERR_REFUSED (turned away: ls_connection_error, or a certificate's words),
+ * LS_ERR_UNSUPPORTED (another version), LS_ERR_GONE. */
+LS_MUST_CHECK enum ls_err ls_connection_greet(struct ls_connection *connection,
+                                              struct ls_diag *diag);
+
+/** Both, to a Unix socket and to a daemon on another machine; what fails is closed. */
 LS_MUST_CHECK enum ls_err ls_connection_open(const char *socket_path, struct ls_connection **out,
                                              struct ls_diag *diag);
-
-/** The same to a daemon on another machine. Errors also: those of ls_secure_connect. */
 LS_MUST_CHECK enum ls_err ls_connection_open_remote(const struct ls_remote *remote,
                                                     struct ls_connection **out,
                                                     struct ls_diag *diag);

@@ -81,32 +81,6 @@ const char *lightstage_version(void)
     return LS_VERSION;
 }
 
-uint32_t lightstage_connect(const struct lightstage_address *address, struct lightstage **out,
-                            struct lightstage_error *error)
-{
-    struct lightstage_address a;
-    struct ls_diag diag = {0};
-    uint32_t number = ls_library_take_in(&a, sizeof a, address, error);
-    if (number)
-        return number;
-    if (!a.where)
-        return ls_library_fail(error, LIGHTSTAGE_BAD_ARGUMENT, "no address: set where");
-    struct lightstage *stage = calloc(1, sizeof *stage);
-    if (!stage)
-        return ls_library_fail(error, LIGHTSTAGE_NO_MEMORY, "out of memory");
-    const struct ls_remote remote = {a.where, a.certificate, a.key, a.authority};
-    enum ls_err err = ls_remote_is_url(a.where)
-                          ? ls_connection_open_remote(&remote, &stage->connection, &diag)
-                          : ls_connection_open(a.where, &stage->connection, &diag);
-    if (err) {
-        free(stage);
-        number = err == LS_ERR_INVALID ? LIGHTSTAGE_BAD_ARGUMENT : own_number(err);
-        return ls_library_fail(error, number, "%s", diag.text);
-    }
-    *out = stage;
-    return 0;
-}
-
 static void forget(struct lightstage *stage, struct in_flight *flight)
 {
     struct in_flight **at = &stage->first;
@@ -224,6 +198,37 @@ static uint32_t lose(struct lightstage *stage, enum ls_err err, const struct ls_
         f->ended = true;
     }
     return ls_library_fail(error, number, "%s", diag->text);
+}
+
+uint32_t lightstage_connect(const struct lightstage_address *address, struct lightstage **out,
+                            struct lightstage_error *error)
+{
+    struct lightstage_address a;
+    struct lightstage_error why;
+    struct ls_diag diag = {0};
+    uint32_t number = ls_library_take_in(&a, sizeof a, address, error);
+    if (number)
+        return number;
+    if (!a.where)
+        return ls_library_fail(error, LIGHTSTAGE_BAD_ARGUMENT, "no address: set where");
+    struct lightstage *stage = calloc(1, sizeof *stage);
+    if (!stage)
+        return ls_library_fail(error, LIGHTSTAGE_NO_MEMORY, "out of memory");
+    const struct ls_remote remote = {a.where, a.certificate, a.key, a.authority};
+    enum ls_err err = ls_connection_reach(&remote, &stage->connection, &diag);
+    if (err) {
+        free(stage);
+        number = err == LS_ERR_INVALID ? LIGHTSTAGE_BAD_ARGUMENT : own_number(err);
+        return ls_library_fail(error, number, "%s", diag.text);
+    }
+    err = ls_connection_greet(stage->connection, &diag);
+    if (err) {
+        (void)lose(stage, err, &diag, &why);
+        lightstage_close(stage);
+        return ls_library_fail(error, why.number, "%s", why.text);
+    }
+    *out = stage;
+    return 0;
 }
 
 static void hand_out(struct lightstage *stage, struct in_flight *flight,

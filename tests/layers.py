@@ -19,7 +19,7 @@ MAY_INCLUDE = {
 }
 EXTRA = {"sim": {"drivers/lights_wire.h"}}
 # of clients: what makes the library. All else has the library's header and core alone.
-OF_LIBRARY = re.compile(r"clients/(library(_\w+)?|connection|secure)\.[ch]$")
+OF_LIBRARY = re.compile(r"clients/(library(_\w+)?|connection(_open)?|secure)\.[ch]$")
 BEHIND_LIBRARY = re.compile(r"lightstage__|protobuf_c_|ls_(connection|library|secure|frame|message|proto|tls)_")
 TOP_LEVEL = {"daemon", "proto", "drivers", "core", "clients", "tests", "sim", "meson.build",
              "README.md", "LICENSE", "meson_options.txt"}

@@ -104,7 +104,9 @@ static void an_answer_nobody_can_read_is_no_success(void)
 static void no_daemon_ends_with_3(void)
 {
     expect("/nonexistent/socket", "status", 3, "no lightstaged answers at /nonexistent/socket");
-    expect("/nonexistent/socket", "take list --json", 3, "start it");
+    expect("/nonexistent/socket", "take list --json", 3,
+           "start it, or name its socket with --socket");
+    expect("x", "--server localhost status", 3, "expected tls://HOST:PORT");
 }
 
 static void reading_commands_speak_json(struct stage *stage, gconstpointer data)

@@ -65,6 +65,9 @@ def test_takes_and_pictures_are_the_same_by_the_library_at_the_socket_and_by_tls
     assert code == 1 and said.startswith("110: ") and len(rig.takes()) == before, said
     code, _, said = by_library(rig, take["id"], "server")
     assert code == 1 and said[0] in "124", said
+    rig.control("pki", "add", rig.path("pki"), "stranger")
+    code, _, said = by_library(rig, take["id"], "stranger")
+    assert code == 1 and said.startswith("110: "), said
 
 
 harness.main(globals())
