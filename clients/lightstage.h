@@ -454,8 +454,9 @@ uint32_t lightstage_ring(struct lightstage *stage, uint32_t camera, struct light
                          struct lightstage_error *error);
 void lightstage_ring_free(struct lightstage_ring *ring);
 
-/** Copy the newest frame, payload_bytes, to @frame. Returns its number, counted from 1; 0: none has
- * landed, or each was overwritten while it was read. Any thread. */
+/** Copy the newest frame, payload_bytes, to @frame. Returns its number, counted from 1; 0: none can
+ * be read at this moment: a frame can from its landing until it is merged, milliseconds later; look
+ * often. Any thread. */
 uint64_t lightstage_ring_newest(const struct lightstage_ring *ring, void *frame);
 
 /* ---- pictures ---- */

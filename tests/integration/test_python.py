@@ -44,6 +44,11 @@ def fetched(rig, take, *how):
             os.remove(rig.path(name))
 
 
+def read(path):
+    with open(path, "rb") as file:
+        return file.read()
+
+
 def pictures_are_those_of_lightstagectl(rig, stage, take):
     crop = (10, 21, 70, 65)
     area = ",".join(map(str, crop))
@@ -55,10 +60,14 @@ def pictures_are_those_of_lightstagectl(rig, stage, take):
              ("--channel", "R", "--model", "sphere", "--layout", "rgb", "--half")),
             ({"channel": "R", "model": "sphere", "layout": "rgb", "region": crop, "lights": [1]},
              ("--channel", "R", "--model", "sphere", "--layout", "rgb", "--region", area, "--lights", "1")),
+            ({"channel": "W", "layout": "mono"}, ("--channel", "W", "--layout", "mono")),
+            ({"channel": "R", "model": "sphere", "layout": "mono", "region": crop, "level": 1},
+             ("--channel", "R", "--model", "sphere", "--layout", "mono", "--region", area, "--level", "1")),
             ({"channel": "B", "full_sphere": True}, ("--channel", "B", "--full-sphere"))):
         asked = {"channel": "W", **ours}
         field = stage.fetch(take, **asked)
         order = np.argsort(field.lights)
+        assert field.pixels.any() and field.pixels.shape[-1] == (3 if "rgb" in asked.values() else 1)
         assert np.array_equal(field.pixels[order].astype(np.float32), fetched(rig, take, *theirs)), ours
         one_by_one = list(stage.pictures(take, **asked))
         assert [p.light for p in one_by_one] == field.lights
@@ -73,7 +82,8 @@ def tiles_come_once_and_again_only_if_they_have_changed(rig, stage, take):
     for asked in ({"channel": "W", "dtype": "float16", "quantity": "estimate"},
                   {"channel": "W", "region": crop},
                   {"channel": "R", "model": "sphere", "layout": "rgb", "dtype": "float16", "region": crop},
-                  {"channel": "R", "model": "sphere", "layout": "rgb", "region": crop, "level": 1}):
+                  {"channel": "R", "model": "sphere", "layout": "rgb", "region": crop, "level": 1},
+                  {"channel": "R", "model": "sphere", "layout": "mono", "dtype": "float16", "region": crop}):
         expected = stage.fetch(take, **asked)
         tiles = lightstage.Tiles()
         stage.fetch_tiles(tiles, take, **asked)
@@ -117,25 +127,45 @@ def a_factored_fetch_expands_to_what_the_daemon_sends_as_halves(rig, stage, take
     assert one.lights == [0] and list(one.ratios) == ["R"]
 
 
-def test_pictures_are_fetched_while_their_take_runs(folder):
+def looked_at(ring):
+    """A frame of a take that runs: there for a moment each."""
+    limit = time.monotonic() + 30
+    while (frame := ring.newest()) is None:
+        assert time.monotonic() < limit, "no frame could be read"
+    return frame
+
+
+def test_pictures_and_frames_are_looked_at_while_their_take_runs(folder):
     rig = harness.twelve(folder).start()
-    seen = {}
+    seen, frames, ring = {}, {}, None
     with lightstage.connect(rig.path("socket"), timeout=60) as stage:
         events = stage.events(published=True, progress=True)
         first = next(events)  # where things stand
         assert first.progress.state == lightstage.messages.NONE, first
+        refused(200, stage.ring)
         begun = stage.start("vase", takes.LONG)
         for event in events:
             for picture in event.published:
                 if picture.single_light and len(seen) < 3:
                     seen[picture.channel, picture.light] = stage.fetch(
                         event.take, picture.channel, lights=[picture.light], quantity="estimate").pixels
+                    ring = ring or stage.ring()
+                    frame = looked_at(ring)
+                    frames[frame.number] = frame.payload.tobytes()
             if event.HasField("progress") and len(seen) == 3:
                 break
         assert event.progress.state == lightstage.messages.RUNNING, event  # three of 48 are there
         events.close()
         take = stage.follow(begun)
         assert take.state == lightstage.messages.COMPLETE, take
+        assert (ring.report.take, ring.report.width, ring.report.height) == (take.id, 128, 128)
+        raw = os.path.join(takes.folder(rig, take.id), "cam0", "raw")
+        kept = {read(os.path.join(raw, name)) for name in os.listdir(raw)}
+        pixels = {payload[:2 * 128 * 128] for payload in frames.values()}
+        assert kept.issuperset(pixels), (list(frames), len(kept))
+        assert len(frames) > 1 and min(frames) > 0, list(frames)
+        ring.newest()  # the memory stays
+        refused(200, stage.ring)
         for (channel, light), pixels in seen.items():
             whole = stage.fetch(take.id, channel, lights=[light], quantity="estimate").pixels
             assert np.array_equal(pixels, whole), (channel, light)
@@ -203,7 +233,9 @@ def test_over_tls_come_the_same_bits_and_nobody_else_is_let_in(folder):
     interrupted_fetches(far, take, local.fetch(take, "W").pixels)
     interrupted_fetches(local, take, local.fetch(take, "W").pixels)
     far.close()
-    over_tls(rig, "operator").preflight(harness.PLAN)
+    operator = over_tls(rig, "operator")
+    operator.preflight(harness.PLAN)
+    refused(108, operator.ring)
     rig.control("pki", "add", rig.path("pki"), "stranger")
     refused(110, lambda: over_tls(rig, "stranger"))  # of the authority, and in no list
     for wrong, words in (({"ours": "others"}, "lost.*alert unknown ca"),

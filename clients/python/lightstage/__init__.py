@@ -15,8 +15,10 @@ from .factored import Factored
 from .field import Field, Picture
 from .pictures import write_pfm, write_png
 from .relit import Relit
+from .ring import Frame, Ring
 from .stage import Preview, Rig, Stage, connect
 from .tiles import Shared, Tiles
 
-__all__ = ["Error", "Factored", "Field", "Lost", "Number", "Picture", "Preview", "Refused", "Relit", "Rig",
-           "Shared", "Stage", "Tiles", "connect", "messages", "write_pfm", "write_png"]
+__all__ = ["Error", "Factored", "Field", "Frame", "Lost", "Number", "Picture", "Preview", "Refused",
+           "Relit", "Rig", "Ring", "Shared", "Stage", "Tiles", "connect", "messages", "write_pfm",
+           "write_png"]

@@ -28,7 +28,7 @@ ANSWERS: Dict[int, Any] = {
     FETCH: messages.FetchReply, RELIGHT: messages.RelightReply, BLANK: messages.BlankReply,
     CANCEL: messages.CancelReply, TAKE_SLATE: messages.TakeSlateReply,
     METRICS: messages.MetricsReply, PREVIEW: messages.PreviewReply, EVENTS: messages.EventsReply,
-    CREDIT: messages.CreditReply}
+    CREDIT: messages.CreditReply, RING: messages.RingReply}
 
 
 class Answer(NamedTuple):

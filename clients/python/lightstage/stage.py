@@ -13,6 +13,7 @@ from .connection import Connection, open_socket, tls_context
 from .factored import Factored, gather
 from .field import Bands, Field, Picture, number, region_message, sample_of
 from .relit import Canvas, Relit, Weights, rows_of
+from .ring import Ring
 from .tiles import Shared, Tiles, shared_pictures
 
 NAME = "python lightstage"
@@ -106,6 +107,12 @@ class Stage:
             for reply, payload, _ in request:
                 yield Preview(reply, np.frombuffer(payload, np.uint8).reshape(
                     reply.height, reply.width, 3))
+
+    def ring(self, camera: int = 0) -> Ring:
+        """What a camera's frames land in while a take runs (else Refused, 200), in the daemon's own
+        memory: an operator's, on its Unix socket alone."""
+        answer = self._connection.ask(wire.RING, messages.Ring(camera=camera))
+        return Ring(answer.message, answer.fds)
 
     # ---- takes ----
 
