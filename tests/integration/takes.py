@@ -5,6 +5,7 @@ import os
 import re
 import signal
 import subprocess
+import threading
 
 import harness
 from harness import stage
@@ -126,12 +127,17 @@ class Events:
                                         preexec_fn=stage.die_with_parent)
 
     def next(self, kind):
-        """The next event of a kind, and what came before it."""
-        for line in self.process.stdout:
-            event = json.loads(line)
-            if event["event"] == kind:
-                return event
-        raise AssertionError("lightstagectl events has ended")
+        """The next event of a kind, within a minute; what came before it is gone."""
+        limit = threading.Timer(60, self.process.kill)
+        limit.start()
+        try:
+            for line in self.process.stdout:
+                event = json.loads(line)
+                if event["event"] == kind:
+                    return event
+        finally:
+            limit.cancel()
+        raise AssertionError(f"lightstagectl events told of no {kind}")
 
     def stop(self):
         self.process.terminate()

@@ -108,6 +108,22 @@ def test_a_wall_clock_that_steps_changes_nothing(folder):
     assert takes.is_good(rig, status["id"])["shots_repaired"] == 0
 
 
+def test_a_full_disk_ends_a_take_and_is_an_alarm_to_who_listens(folder):
+    rig = harness.twelve(folder)
+    rig.preload = [harness.ILL_HOST]
+    rig.environment = {"LS_ILL_DISK_BYTES": "300000"}  # of 1.4 MB
+    rig.start()
+    events = takes.Events(rig, "--alarms")
+    code, status, err = takes.photograph(rig)
+    assert code == 1 and status["state"] == "failed", (code, status, err)
+    told = events.next("alarm")
+    events.stop()
+    assert told["active"] and told.items() >= {"kind": "disk", "take": status["id"],
+                                               "text": status["message"]}.items(), told
+    takes.says(told["text"], "No space left")
+    assert takes.alarm(rig) == told
+
+
 def test_a_controller_that_pauses_is_waited_for(folder):
     repaired(folder, '{ kind = "stall"; at = 30; value = 1500; }', shots=0)
 
