@@ -1,5 +1,7 @@
 #include "core/envlights.h"
 
+#include "core/vec3.h"
+
 #include <math.h>
 #include <stdbool.h>
 #include <stdlib.h>
@@ -18,17 +20,6 @@ struct sites {
     uint32_t *of;     /* [n_lights], the site of a light */
     uint32_t *shares; /* [n], lights at the site */
 };
-
-static double dot(const double a[3], const double b[3])
-{
-    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
-}
-
-static double distance(const double a[3], const double b[3])
-{
-    double d[3] = {a[0] - b[0], a[1] - b[1], a[2] - b[2]};
-    return sqrt(dot(d, d));
-}
 
 static void sites_finish(struct sites *sites)
 {
@@ -49,7 +40,7 @@ static void add_light(struct sites *sites, const double d[3])
 {
     size_t light = sites->n_lights++;
     for (size_t s = 0; s < sites->n; s++) {
-        if (distance(sites->d[s], d) < coincident_rad) {
+        if (ls_distance3(sites->d[s], d) < coincident_rad) {
             sites->of[light] = (uint32_t)s;
             sites->shares[s]++;
             return;
@@ -74,7 +65,7 @@ static enum ls_err sites_init(struct sites *sites, const float (*directions)[3],
     for (size_t i = 0; i < n; i++) {
         double in[3] = {(double)directions[i][0], (double)directions[i][1],
                         (double)directions[i][2]};
-        double d[3], length = sqrt(dot(in, in));
+        double d[3], length = sqrt(ls_dot3(in, in));
         if (!(length > 1e-30 && length < INFINITY))
             return ls_fail(diag, LS_ERR_INVALID,
                            "weights: light %zu has no direction: (%g, %g, %g)", i, in[0], in[1],
@@ -103,7 +94,7 @@ static uint32_t nearest(const struct sites *sites, const uint32_t *candidates, s
     uint32_t best = candidates[0];
     double most = -INFINITY;
     for (size_t k = 0; k < n; k++) {
-        double cosine = dot(sites->d[candidates[k]], d);
+        double cosine = ls_dot3(sites->d[candidates[k]], d);
         if (cosine > most || (cosine == most && candidates[k] < best)) {
             most = cosine;
             best = candidates[k];
@@ -122,8 +113,8 @@ static size_t prune(const struct sites *sites, const uint32_t *in, size_t n, con
     size_t kept = 0;
     for (size_t k = 0; k < n; k++) {
         const double *a = sites->d[best], *b = sites->d[in[k]];
-        double ahead = dot(centre, a) - dot(centre, b);
-        if (in[k] == best || ahead <= reach * distance(a, b))
+        double ahead = ls_dot3(centre, a) - ls_dot3(centre, b);
+        if (in[k] == best || ahead <= reach * ls_distance3(a, b))
             out[kept++] = in[k];
     }
     return kept;
@@ -217,11 +208,11 @@ static void give_two(const struct walk *walk, const struct box *box, const struc
 {
     const double *centre = patch->centre;
     const double *a = walk->sites->d[site[0]], *b = walk->sites->d[site[1]];
-    double apart = distance(a, b), ring = hypot(centre[0], centre[2]), across[3];
+    double apart = ls_distance3(a, b), ring = hypot(centre[0], centre[2]), across[3];
     for (int k = 0; k < 3; k++)
         across[k] = (a[k] - b[k]) / apart;
     double east = ring > 0 ? (across[2] * centre[0] - across[0] * centre[2]) / ring : 1;
-    double along = dot(across, centre);
+    double along = ls_dot3(across, centre);
     double south = sqrt(fmax(0, 1 - east * east - along * along));
     double share = part_ahead(along, fabs(east) * patch->half_width, south * patch->half_height);
     give(walk, box, site[0], share);
@@ -344,9 +335,9 @@ static void into_frame(const struct sites *sites, const double pole[3], double (
     double x[3], z[3];
     ls_frame_about(pole, x, z);
     for (size_t s = 0; s < sites->n; s++) {
-        d[s][0] = dot(sites->d[s], x);
-        d[s][1] = dot(sites->d[s], pole);
-        d[s][2] = dot(sites->d[s], z);
+        d[s][0] = ls_dot3(sites->d[s], x);
+        d[s][1] = ls_dot3(sites->d[s], pole);
+        d[s][2] = ls_dot3(sites->d[s], z);
     }
 }
 

@@ -1,6 +1,7 @@
 #include "core/mirror_ball.h"
 
 #include "core/environment.h"
+#include "core/vec3.h"
 
 #include <math.h>
 #include <stdlib.h>
@@ -15,11 +16,6 @@ struct view {
     double ahead[3], right[3], up[3];
     double rim[RIM][3], rim_mean[3]; /* radiance by azimuth, from right towards up */
 };
-
-static double dot(const double a[3], const double b[3])
-{
-    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
-}
 
 double ls_mirror_ball_blind(double radius_px, double pixels)
 {
@@ -71,7 +67,7 @@ static enum ls_err check_values(const struct ls_mirror_ball *ball, struct ls_dia
 static enum ls_err make_axes(struct view *view, struct ls_diag *diag)
 {
     const double *c = view->ball->to_camera;
-    double length = sqrt(dot(c, c)), across = hypot(c[0], c[2]);
+    double length = sqrt(ls_dot3(c, c)), across = hypot(c[0], c[2]);
     if (!(length > 0 && length < INFINITY && across > 1e-6 * length))
         return ls_fail(diag, LS_ERR_INVALID,
                        "mirror ball: camera direction (%g, %g, %g): expected one that is not null "
@@ -128,7 +124,7 @@ static void make_rim(struct view *view)
 /* radiance from unit direction @d; true if it was filled in */
 static bool radiance(const struct view *view, const double d[3], double out[3])
 {
-    double x = dot(d, view->right), y = dot(d, view->up), z = dot(d, view->ahead);
+    double x = ls_dot3(d, view->right), y = ls_dot3(d, view->up), z = ls_dot3(d, view->ahead);
     double theta = atan2(hypot(x, y), z), azimuth = atan2(y, x), off = M_PI - theta;
     if (off >= view->ball->blind_rad) {
         sample_polar(view, theta, azimuth, out);

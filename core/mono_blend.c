@@ -2,6 +2,7 @@
 
 #include "core/linear_block.h"
 #include "core/segments.h"
+#include "core/vec3.h"
 
 #include <float.h>
 #include <math.h>
@@ -10,19 +11,14 @@
 
 static const double most_rescale = 2;
 
-static double dot(const double a[3], const double b[3])
-{
-    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
-}
-
 /* exp(G (cos - 1)) is a Gaussian of the angle with variance 1 / G, segments being 4 pi / G each. */
 static void light_weights(const float direction[3], const double (*centre)[3], uint32_t n_segments,
                           double *phi)
 {
     double d[3] = {(double)direction[0], (double)direction[1], (double)direction[2]};
-    double length = sqrt(dot(d, d)), largest = -1, sum = 0;
+    double length = sqrt(ls_dot3(d, d)), largest = -1, sum = 0;
     for (uint32_t g = 0; g < n_segments; g++) {
-        phi[g] = dot(d, centre[g]) / length;
+        phi[g] = ls_dot3(d, centre[g]) / length;
         largest = fmax(largest, phi[g]);
     }
     for (uint32_t g = 0; g < n_segments; g++) {

@@ -1,5 +1,7 @@
 #include "core/segments.h"
 
+#include "core/vec3.h"
+
 #include <math.h>
 #include <stdbool.h>
 #include <stdlib.h>
@@ -18,15 +20,10 @@ struct partition {
     uint32_t *size;
 };
 
-static double dot(const double a[3], const double b[3])
-{
-    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
-}
-
 static enum ls_err unit(const float v[3], uint32_t light, double out[3], struct ls_diag *diag)
 {
     double d[3] = {(double)v[0], (double)v[1], (double)v[2]};
-    double length = sqrt(dot(d, d));
+    double length = sqrt(ls_dot3(d, d));
     if (!(length > 0) || !isfinite(length))
         return ls_fail(diag, LS_ERR_INVALID,
                        "direction of light %u is (%g, %g, %g): expected finite and not zero", light,
@@ -62,8 +59,8 @@ static void principal_axis(const struct partition *p, const uint32_t *member, ui
                 cov[a][b] += (p->d[member[j]][a] - mean[a]) * (p->d[member[j]][b] - mean[b]);
     double v[3] = {0.48, 0.64, 0.6}; /* no axis of symmetry of a rig */
     for (int step = 0; step < AXIS_STEPS; step++) {
-        double next[3] = {dot(cov[0], v), dot(cov[1], v), dot(cov[2], v)};
-        double length = sqrt(dot(next, next));
+        double next[3] = {ls_dot3(cov[0], v), ls_dot3(cov[1], v), ls_dot3(cov[2], v)};
+        double length = sqrt(ls_dot3(next, next));
         for (int k = 0; k < 3 && length > 0; k++)
             v[k] = next[k] / length;
     }
@@ -95,7 +92,7 @@ static void halve(struct partition *p, uint32_t *member, uint32_t n, uint32_t fi
     double axis[3];
     principal_axis(p, member, n, axis);
     for (uint32_t j = 0; j < n; j++)
-        room[j] = (struct key){dot(p->d[member[j]], axis), member[j]};
+        room[j] = (struct key){ls_dot3(p->d[member[j]], axis), member[j]};
     qsort(room, n, sizeof *room, by_key);
     for (uint32_t j = 0; j < n; j++)
         member[j] = room[j].light;
@@ -126,9 +123,9 @@ static bool better_exchanged(const struct partition *p, uint32_t i, uint32_t j)
     double step[3];
     for (int k = 0; k < 3; k++)
         step[k] = p->d[j][k] - p->d[i][k];
-    double square = dot(step, step);
-    double gain = (2 * dot(p->sum[a], step) + square) / p->size[a] +
-                  (square - 2 * dot(p->sum[b], step)) / p->size[b];
+    double square = ls_dot3(step, step);
+    double gain = (2 * ls_dot3(p->sum[a], step) + square) / p->size[a] +
+                  (square - 2 * ls_dot3(p->sum[b], step)) / p->size[b];
     return gain > 1e-9;
 }
 
@@ -211,15 +208,15 @@ enum ls_err ls_segments_centres(const float (*directions)[3], uint32_t n_lights,
         if (err)
             return err;
         double *start = first[segment[i]];
-        if (dot(start, start) == 0)
+        if (ls_dot3(start, start) == 0)
             memcpy(start, d, sizeof d);
         for (int k = 0; k < 3; k++)
             centre[segment[i]][k] += d[k];
     }
     for (uint32_t g = 0; g < n_segments; g++) {
-        if (dot(first[g], first[g]) == 0)
+        if (ls_dot3(first[g], first[g]) == 0)
             return ls_fail(diag, LS_ERR_INVALID, "segment %u has no light", g);
-        double length = sqrt(dot(centre[g], centre[g]));
+        double length = sqrt(ls_dot3(centre[g], centre[g]));
         for (int k = 0; k < 3; k++)
             centre[g][k] = length > 1e-6 ? centre[g][k] / length : first[g][k];
     }

@@ -1,6 +1,7 @@
 #include "core/smooth_cells.h"
 
 #include "core/sphere_mesh.h"
+#include "core/vec3.h"
 
 #include <math.h>
 #include <stdbool.h>
@@ -22,20 +23,9 @@ struct points {
     struct ls_sphere_mesh *mesh;
 };
 
-static double dot(const double a[3], const double b[3])
-{
-    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
-}
-
-static double distance(const double a[3], const double b[3])
-{
-    double d[3] = {a[0] - b[0], a[1] - b[1], a[2] - b[2]};
-    return sqrt(dot(d, d));
-}
-
 static double angle(const double a[3], const double b[3])
 {
-    return 2 * asin(fmin(1, 0.5 * distance(a, b)));
+    return 2 * asin(fmin(1, 0.5 * ls_distance3(a, b)));
 }
 
 static void points_finish(struct points *points)
@@ -49,7 +39,7 @@ static void points_finish(struct points *points)
 static void add_light(struct points *points, const double d[3])
 {
     size_t light = points->n_lights++, s = 0;
-    while (s < points->n_sites && distance(points->d[s], d) >= coincident)
+    while (s < points->n_sites && ls_distance3(points->d[s], d) >= coincident)
         s++;
     if (s == points->n_sites) {
         memcpy(points->d[s], d, sizeof points->d[0]);
@@ -65,7 +55,7 @@ static enum ls_err add_lights(struct points *points, const float (*directions)[3
     for (size_t i = 0; i < n; i++) {
         double d[3] = {(double)directions[i][0], (double)directions[i][1],
                        (double)directions[i][2]};
-        double length = sqrt(dot(d, d));
+        double length = sqrt(ls_dot3(d, d));
         if (!(length > 1e-30 && length < INFINITY))
             return ls_fail(diag, LS_ERR_INVALID,
                            "weights: light %zu has no direction: (%g, %g, %g)", i, d[0], d[1],
@@ -144,7 +134,7 @@ static void spread(const struct points *points, double *per_point, size_t column
 static void rotate(const double *rotation, const double in[3], double out[3])
 {
     for (int k = 0; k < 3; k++)
-        out[k] = rotation ? dot(rotation + 3 * k, in) : in[k];
+        out[k] = rotation ? ls_dot3(rotation + 3 * k, in) : in[k];
 }
 
 /** Where the energy goes: to the three points around each direction. */

@@ -1,18 +1,15 @@
 #include "core/smooth_order.h"
 
+#include "core/vec3.h"
+
 #include <math.h>
 #include <stdbool.h>
 #include <stdlib.h>
 
-static double dot(const double a[3], const double b[3])
-{
-    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
-}
-
 /* Squared chord: no transcendental function, so the same on every machine. */
 static double apart(const double a[3], const double b[3])
 {
-    double d = 2 - 2 * dot(a, b);
+    double d = 2 - 2 * ls_dot3(a, b);
     return d > 0 ? d : 0;
 }
 
@@ -108,7 +105,7 @@ double ls_smooth_order_step(const float (*directions)[3], uint32_t n, const uint
     for (uint32_t k = 1; k < n; k++) {
         double a[3], b[3];
         if (unit(directions[order[k - 1]], a) && unit(directions[order[k]], b))
-            sum += acos(fmax(-1, fmin(1, dot(a, b))));
+            sum += acos(fmax(-1, fmin(1, ls_dot3(a, b))));
     }
     return n > 1 ? sum / (n - 1) : 0;
 }

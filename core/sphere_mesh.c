@@ -1,5 +1,7 @@
 #include "core/sphere_mesh.h"
 
+#include "core/vec3.h"
+
 #include <math.h>
 #include <stdbool.h>
 #include <stdlib.h>
@@ -33,18 +35,6 @@ struct hull {
     uint32_t n_faces, capacity, *unused, n_unused;
     uint32_t *leaving; /* [n]: new face whose horizon edge leaves this vertex */
 };
-
-static double dot(const double a[3], const double b[3])
-{
-    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
-}
-
-static void cross(const double a[3], const double b[3], double out[3])
-{
-    out[0] = a[1] * b[2] - a[2] * b[1];
-    out[1] = a[2] * b[0] - a[0] * b[2];
-    out[2] = a[0] * b[1] - a[1] * b[0];
-}
 
 static void subtract(const double a[3], const double b[3], double out[3])
 {
@@ -96,8 +86,8 @@ static uint32_t new_face(struct hull *hull, uint32_t a, uint32_t b, uint32_t c)
     *face = (struct face){.vertex = {a, b, c}, .beside = {NONE, NONE, NONE}, .alive = true};
     subtract(hull->p[b], hull->p[a], ab);
     subtract(hull->p[c], hull->p[a], ac);
-    cross(ab, ac, face->normal);
-    face->offset = dot(face->normal, hull->p[a]);
+    ls_cross3(ab, ac, face->normal);
+    face->offset = ls_dot3(face->normal, hull->p[a]);
     return f;
 }
 
@@ -120,14 +110,14 @@ static double volume(const struct hull *hull, const uint32_t *v, int chosen, siz
     double a[3], b[3], c[3], n[3];
     subtract(hull->p[i], hull->p[v[0]], a);
     if (chosen == 1)
-        return dot(a, a);
+        return ls_dot3(a, a);
     subtract(hull->p[v[1]], hull->p[v[0]], b);
-    cross(b, a, n);
+    ls_cross3(b, a, n);
     if (chosen == 2)
-        return dot(n, n);
+        return ls_dot3(n, n);
     subtract(hull->p[v[2]], hull->p[v[0]], c);
-    cross(b, c, n);
-    return dot(n, a);
+    ls_cross3(b, c, n);
+    return ls_dot3(n, a);
 }
 
 static bool begin_tetrahedron(struct hull *hull, uint32_t v[4])
@@ -160,7 +150,7 @@ static uint32_t mark_visible(struct hull *hull, uint32_t point)
     uint32_t n = 0;
     for (uint32_t f = 0; f < hull->n_faces; f++) {
         struct face *face = &hull->face[f];
-        face->visible = face->alive && dot(face->normal, hull->p[point]) - face->offset > 0;
+        face->visible = face->alive && ls_dot3(face->normal, hull->p[point]) - face->offset > 0;
         n += face->visible;
     }
     return n;
@@ -267,10 +257,10 @@ static bool build(struct hull *hull)
 static bool dual_basis(const double (*d)[3], struct triangle *face)
 {
     const double *a = d[face->vertex[0]], *b = d[face->vertex[1]], *c = d[face->vertex[2]];
-    cross(b, c, face->dual[0]);
-    cross(c, a, face->dual[1]);
-    cross(a, b, face->dual[2]);
-    double size = dot(a, face->dual[0]);
+    ls_cross3(b, c, face->dual[0]);
+    ls_cross3(c, a, face->dual[1]);
+    ls_cross3(a, b, face->dual[2]);
+    double size = ls_dot3(a, face->dual[0]);
     for (int k = 0; k < 9; k++)
         face->dual[k / 3][k % 3] /= size;
     return size > 0;
@@ -333,7 +323,7 @@ static int least(const struct triangle *face, const double d[3], double share[3]
 {
     int k = 0;
     for (int i = 0; i < 3; i++) {
-        share[i] = dot(d, face->dual[i]);
+        share[i] = ls_dot3(d, face->dual[i]);
         k = share[i] < share[k] ? i : k;
     }
     return k;

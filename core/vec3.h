@@ -17,6 +17,12 @@ static inline double ls_length3(const double a[3])
     return sqrt(ls_dot3(a, a));
 }
 
+static inline double ls_distance3(const double a[3], const double b[3])
+{
+    const double d[3] = {a[0] - b[0], a[1] - b[1], a[2] - b[2]};
+    return ls_length3(d);
+}
+
 static inline void ls_cross3(const double a[3], const double b[3], double out[3])
 {
     out[0] = a[1] * b[2] - a[2] * b[1];
