@@ -1,4 +1,5 @@
 #include "clients/command.h"
+#include "clients/contact_sheet.h"
 #include "clients/export_file.h"
 #include "clients/export_list.h"
 #include "clients/promotion_option.h"
@@ -25,6 +26,8 @@ struct work {
     const struct ls_take_document *document;
     struct ls_export export;
     struct ls_export_list list;
+    struct ls_contact_sheet sheet; /* of the first spectrum */
+    float sheet_scale;
     uint32_t written, skipped;
 };
 
@@ -83,6 +86,10 @@ static enum ls_err export_light(struct work *work, uint32_t light)
     const struct ls_exr_attr *gain =
         ls_exr_attrs_find(&work->export.spectra[0].attrs, "lightstage/gain");
     *(written ? &work->written : &work->skipped) += 1;
+    err = ls_contact_sheet_add(&work->sheet, &work->export.spectra[0].image, light,
+                               &work->context->diag);
+    if (err)
+        return err;
     return ls_export_list_add(&work->list, work->document, strrchr(path, '/') + 1, light,
                               gain ? (double)gain->f[0] : 1, &work->context->diag);
 }
@@ -98,6 +105,9 @@ static enum ls_err export_lights(struct work *work)
         return ls_fail(&work->context->diag, LS_ERR_INVALID,
                        "--lights %s: expected numbers and ranges from 0 to %u, e.g. 0,5,7-9", text,
                        limit - 1);
+    err = ls_contact_sheet_begin(&work->sheet, n,
+                                 work->export.space.shown ? work->export.space.to_rec709 : NULL,
+                                 &work->context->diag);
     for (size_t i = 0; i < n && !err; i++) {
         err = export_light(work, lights ? lights[i] : (uint32_t)i);
         if (terminal)
@@ -118,12 +128,26 @@ static enum ls_err write_list(struct work *work, const json_t *document)
     return err ? err : ls_export_list_write(&work->list, document, json, csv, &work->context->diag);
 }
 
+static enum ls_err write_sheet(struct work *work)
+{
+    char path[4096];
+    enum ls_err err = path_of(work, "png", path, sizeof path);
+    return err ? err
+               : ls_contact_sheet_write(&work->sheet, path, &work->sheet_scale,
+                                        &work->context->diag);
+}
+
 static enum ls_err report(struct work *work)
 {
+    enum ls_err err = write_sheet(work);
+    if (err)
+        return err;
     json_t *document =
-        json_pack("{ss si si sO}", "take", work->document->id, "written", (int)work->written,
-                  "skipped", (int)work->skipped, "frames", work->list.frames);
-    enum ls_err err = write_list(work, document);
+        json_pack("{ss si si s{ss+ ss sf} sO}", "take", work->document->id, "written",
+                  (int)work->written, "skipped", (int)work->skipped, "contact_sheet", "file",
+                  work->document->id, ".png", "channel", work->export.spectra[0].name, "scale",
+                  (double)work->sheet_scale, "frames", work->list.frames);
+    err = write_list(work, document);
     if (!err && work->context->json)
         ls_command_print_json(json_incref(document));
     else if (!err)
@@ -170,6 +194,7 @@ static int run(struct ls_command_context *context, int argc, char **argv)
     enum ls_err err = export_take(&work);
     ls_export_forget(&work.export);
     ls_export_list_finish(&work.list);
+    ls_contact_sheet_finish(&work.sheet);
     ls_take_document_destroy(document);
     return err ? ls_command_failed(context, err) : LS_EXIT_OK;
 }

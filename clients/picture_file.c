@@ -79,8 +79,7 @@ static int ascending(const void *a, const void *b)
     return (x > y) - (x < y);
 }
 
-/* From at most 64 Ki pixels, evenly spread. */
-static float automatic_scale(const struct ls_image *image)
+float ls_picture_scale(const struct ls_image *image)
 {
     size_t pixels = (size_t)image->width * image->height, step = pixels / 65536 + 1, n = 0;
     float *largest = malloc((pixels / step + 1) * sizeof *largest);
@@ -104,7 +103,7 @@ enum ls_err ls_picture_file_png(const char *path, const struct ls_image *image, 
     uint8_t *bytes = NULL;
     size_t size = 0;
     if (scale == 0)
-        scale = automatic_scale(image);
+        scale = ls_picture_scale(image);
     if (used)
         *used = scale;
     enum ls_err err = ls_png_write(image, scale, &bytes, &size, diag);

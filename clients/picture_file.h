@@ -23,8 +23,12 @@ ls_picture_file_exr(const char *path, const struct ls_image *image, enum ls_exr_
                     const struct ls_picture_place *place, const struct ls_pixel_quality *quality,
                     const struct ls_exr_attrs *attrs, struct ls_diag *diag);
 
-/** @scale: linear values are multiplied by it; 0 = chosen so that the 99th percentile of the
- * largest channel becomes 0.8, and returned in *used (may be NULL). */
+/** What makes the 99th percentile of the largest channel, of pixels that are finite, 0.8; of at
+ * most 65536 pixels, evenly spread. 1: there is none. */
+float ls_picture_scale(const struct ls_image *image);
+
+/** @scale: linear values are multiplied by it; 0 = that of ls_picture_scale, and returned in *used
+ * (may be NULL). */
 LS_MUST_CHECK enum ls_err ls_picture_file_png(const char *path, const struct ls_image *image,
                                               float scale, float *used, struct ls_diag *diag);
 

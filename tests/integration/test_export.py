@@ -3,6 +3,8 @@
 import json
 import os
 import shutil
+import signal
+import struct
 import subprocess
 
 import numpy as np
@@ -114,7 +116,73 @@ def what_is_whole_is_skipped(rig, take, files):
     told = exported(rig, take, "--lights", LIGHTS, "--channels", "W")
     assert (told["written"], told["skipped"]) == (2, 0), "other options, other files"
     assert sorted(os.listdir(rig.path("out"))) == sorted(
-        [*map(os.path.basename, files), f"{take}.json", f"{take}.csv"])
+        [*map(os.path.basename, files), f"{take}.json", f"{take}.csv", f"{take}.png"])
+
+
+def contents(folder):
+    """What is under its last name; a killed writer leaves NAME.XXXXXX."""
+    found = {}
+    for name in os.listdir(folder):
+        if name.endswith(".exr"):
+            with open(os.path.join(folder, name), "rb") as file:
+                found[name] = file.read()
+    return found
+
+
+def killed_and_done_again_is_the_same(rig, take):
+    whole, cut = rig.path("whole"), rig.path("cut")
+    rig.control("export", take, whole, "--packed")
+    child = subprocess.Popen([rig.program("clients/lightstagectl"), "--socket", rig.path("socket"),
+                              "export", take, cut, "--packed"])
+    harness.wait_for("some files are there", lambda: os.path.isdir(cut) and len(contents(cut)) > 2)
+    child.kill()
+    assert child.wait() == -signal.SIGKILL, "it was done before it could be killed"
+    expected, left = contents(whole), contents(cut)
+    assert 2 < len(left) < 12 == len(expected) and left.items() <= expected.items(), sorted(left)
+    told = json.loads(rig.control("export", take, cut, "--packed", "--json"))
+    assert (told["written"], told["skipped"]) == (12 - len(left), len(left)), told
+    assert contents(cut) == expected
+
+
+def sheet_is_there(rig, take):
+    told = exported(rig, take, "--lights", LIGHTS)["contact_sheet"]
+    assert (told["file"], told["channel"]) == (f"{take}.png", "W") and told["scale"] > 0, told
+    with open(os.path.join(rig.path("out"), told["file"]), "rb") as file:
+        size = struct.unpack(">II", file.read(24)[16:])
+    assert size == (4 + 2 * (128 + 4), 4 + 128 + 2 * 9 + 4), size
+
+
+BLENDER = """
+import bpy, sys, numpy
+layers, picture, out = sys.argv[-3:]
+bpy.context.scene.use_nodes = True
+node = bpy.context.scene.node_tree.nodes.new("CompositorNodeImage")
+node.image = bpy.data.images.load(layers)
+image = bpy.data.images.load(picture)
+pixels = numpy.empty(image.size[0] * image.size[1] * 4, numpy.float32)
+image.pixels.foreach_get(pixels)
+numpy.savez(out, outputs=[o.name for o in node.outputs], pixels=pixels, size=image.size)
+"""
+
+
+def in_blender(rig, take):
+    """Every spectrum is a layer; the pixels of one are what was exported, from the lowest row up."""
+    if not shutil.which("blender"):
+        print("# blender is not installed: it opens no file")
+        return
+    rig.control("export", take, rig.path("white"), "--lights", "7", "--channels", "W")
+    picture = os.path.join(rig.path("white"), f"{take}.0008.exr")
+    out = rig.path("blender.npz")
+    subprocess.run(["blender", "--background", "--factory-startup", "-noaudio", "--python-exit-code",
+                    "1", "--python-expr", BLENDER, "--", os.path.join(rig.path("whole"), f"{take}.0008.exr"),
+                    picture, out],
+                   check=True, stdout=subprocess.DEVNULL, timeout=120,
+                   env={**os.environ, "HOME": rig.path("")})
+    seen = np.load(out)
+    assert set(seen["outputs"]) == set("WRAGCB"), seen["outputs"]
+    width, height = seen["size"]
+    pixels = seen["pixels"].reshape(height, width, 4)[::-1]
+    assert np.array_equal(pixels[:, :, :3], pictures.read(picture))
 
 
 def test_export_writes_what_fetch_brings_and_skips_what_is_whole(folder):
@@ -132,7 +200,10 @@ def test_export_writes_what_fetch_brings_and_skips_what_is_whole(folder):
         print("# oiiotool is not installed: attributes are not read back by it")
     packed_is_the_same_and_smaller(rig, take)
     colours_are_those_of_the_matrix(rig, take)
+    sheet_is_there(rig, take)
+    killed_and_done_again_is_the_same(rig, take)
     what_is_whole_is_skipped(rig, take, files)
+    in_blender(rig, take)
     harness.refuses("--channels X", lambda: exported(rig, take, "--channels", "X"))
 
 
