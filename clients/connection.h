@@ -37,10 +37,10 @@ LS_MUST_CHECK enum ls_err ls_connection_reach(const struct ls_remote *remote,
 LS_MUST_CHECK enum ls_err ls_connection_over(int fd, struct ls_secure *secure,
                                              struct ls_connection **out, struct ls_diag *diag);
 
-/** Say Hello. Errors: LS_ERR_REFUSED (turned away: ls_connection_error, or a certificate's words),
- * LS_ERR_UNSUPPORTED (another version), LS_ERR_GONE. */
+/** Say Hello; @reply is its answer. Errors: LS_ERR_REFUSED (turned away: ls_connection_error, or a
+ * certificate's words), LS_ERR_UNSUPPORTED (another version), LS_ERR_GONE. */
 LS_MUST_CHECK enum ls_err ls_connection_greet(struct ls_connection *connection,
-                                              struct ls_diag *diag);
+                                              struct ls_reply *reply, struct ls_diag *diag);
 
 /** Both, to a Unix socket and to a daemon on another machine; what fails is closed. */
 LS_MUST_CHECK enum ls_err ls_connection_open(const char *socket_path, struct ls_connection **out,

@@ -42,31 +42,30 @@ enum ls_err ls_connection_reach(const struct ls_remote *remote, struct ls_connec
     return ls_connection_over(secure ? ls_secure_fd(secure) : fd, secure, out, diag);
 }
 
-enum ls_err ls_connection_greet(struct ls_connection *connection, struct ls_diag *diag)
+enum ls_err ls_connection_greet(struct ls_connection *connection, struct ls_reply *reply,
+                                struct ls_diag *diag)
 {
     Lightstage__Hello hello = LIGHTSTAGE__HELLO__INIT;
-    struct ls_reply reply;
     hello.version = LS_FRAME_VERSION;
     hello.client = program_invocation_short_name;
-    enum ls_err err =
-        ls_connection_call(connection, LS_MESSAGE_HELLO, &hello.base, NULL, 0, &reply, diag);
-    if (!err)
-        ls_reply_finish(&reply);
-    return err;
+    return ls_connection_call(connection, LS_MESSAGE_HELLO, &hello.base, NULL, 0, reply, diag);
 }
 
 enum ls_err ls_connection_open_remote(const struct ls_remote *remote, struct ls_connection **out,
                                       struct ls_diag *diag)
 {
     struct ls_connection *connection = NULL;
+    struct ls_reply reply;
     enum ls_err err = ls_connection_reach(remote, &connection, diag);
     if (!err)
-        err = ls_connection_greet(connection, diag);
-    if (err)
+        err = ls_connection_greet(connection, &reply, diag);
+    if (err) {
         ls_connection_close(connection);
-    else
-        *out = connection;
-    return err;
+        return err;
+    }
+    ls_reply_finish(&reply);
+    *out = connection;
+    return LS_OK;
 }
 
 enum ls_err ls_connection_open(const char *socket_path, struct ls_connection **out,

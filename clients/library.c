@@ -8,20 +8,14 @@
 #include <stdlib.h>
 #include <string.h>
 
-struct in_flight {
-    struct in_flight *next;
+struct ls_in_flight {
+    struct ls_in_flight *next;
     uint32_t request;
     uint16_t reply_type;
     bool ended, cancelled;
     ls_on_reply *on_reply;
     void *user; /* malloc */
     struct lightstage_error error;
-};
-
-struct lightstage {
-    struct ls_connection *connection;
-    struct in_flight *first;
-    bool lost;
 };
 
 uint32_t ls_library_fail(struct lightstage_error *error, uint32_t number, const char *fmt, ...)
@@ -36,7 +30,7 @@ uint32_t ls_library_fail(struct lightstage_error *error, uint32_t number, const 
     return number;
 }
 
-static uint32_t own_number(enum ls_err err)
+uint32_t ls_library_number(enum ls_err err)
 {
     switch (err) {
     case LS_ERR_NOT_FOUND:
@@ -76,14 +70,9 @@ uint32_t ls_library_take_in(void *to, size_t bytes, const void *from,
     return 0;
 }
 
-const char *lightstage_version(void)
+static void forget(struct lightstage *stage, struct ls_in_flight *flight)
 {
-    return LS_VERSION;
-}
-
-static void forget(struct lightstage *stage, struct in_flight *flight)
-{
-    struct in_flight **at = &stage->first;
+    struct ls_in_flight **at = &stage->first;
     while (*at != flight)
         at = &(*at)->next;
     *at = flight->next;
@@ -98,6 +87,7 @@ void lightstage_close(struct lightstage *stage)
     while (stage->first)
         forget(stage, stage->first);
     ls_connection_close(stage->connection);
+    ls_message_free(stage->hello);
     free(stage);
 }
 
@@ -109,14 +99,14 @@ int lightstage_descriptor(const struct lightstage *stage)
 size_t lightstage_in_flight(const struct lightstage *stage)
 {
     size_t n = 0;
-    for (const struct in_flight *f = stage->first; f; f = f->next)
+    for (const struct ls_in_flight *f = stage->first; f; f = f->next)
         n++;
     return n;
 }
 
-static struct in_flight *find(const struct lightstage *stage, uint32_t request)
+static struct ls_in_flight *find(const struct lightstage *stage, uint32_t request)
 {
-    struct in_flight *f = stage->first;
+    struct ls_in_flight *f = stage->first;
     while (f && f->request != request)
         f = f->next;
     return f;
@@ -130,7 +120,7 @@ uint32_t ls_library_begin(struct lightstage *stage, uint16_t type, const Protobu
     struct ls_diag diag = {0};
     if (stage->lost)
         return ls_library_fail(error, LIGHTSTAGE_LOST, "the connection to the daemon is lost");
-    struct in_flight *flight = calloc(1, sizeof *flight);
+    struct ls_in_flight *flight = calloc(1, sizeof *flight);
     void *own = user_bytes ? malloc(user_bytes) : NULL;
     enum ls_err err = !flight || (user_bytes && !own)
                           ? ls_fail(&diag, LS_ERR_NOMEM, "out of memory")
@@ -139,7 +129,7 @@ uint32_t ls_library_begin(struct lightstage *stage, uint16_t type, const Protobu
     if (err) {
         free(flight);
         free(own);
-        return ls_library_fail(error, own_number(err), "%s", diag.text);
+        return ls_library_fail(error, ls_library_number(err), "%s", diag.text);
     }
     if (own)
         memcpy(own, user, user_bytes);
@@ -160,10 +150,10 @@ uint32_t ls_library_tell(struct lightstage *stage, uint16_t type, const Protobuf
     if (stage->lost)
         return ls_library_fail(error, LIGHTSTAGE_LOST, "the connection to the daemon is lost");
     enum ls_err err = ls_connection_send(stage->connection, type, body, NULL, 0, &request, &diag);
-    return err ? ls_library_fail(error, own_number(err), "%s", diag.text) : 0;
+    return err ? ls_library_fail(error, ls_library_number(err), "%s", diag.text) : 0;
 }
 
-static uint32_t send_cancel(struct lightstage *stage, struct in_flight *flight,
+static uint32_t send_cancel(struct lightstage *stage, struct ls_in_flight *flight,
                             struct lightstage_error *error)
 {
     Lightstage__Cancel body = LIGHTSTAGE__CANCEL__INIT;
@@ -175,7 +165,7 @@ static uint32_t send_cancel(struct lightstage *stage, struct in_flight *flight,
 uint32_t lightstage_cancel(struct lightstage *stage, uint32_t request,
                            struct lightstage_error *error)
 {
-    struct in_flight *flight = find(stage, request);
+    struct ls_in_flight *flight = find(stage, request);
     if (!flight)
         return ls_library_fail(error, LIGHTSTAGE_BAD_ARGUMENT, "no request %u is in flight",
                                request);
@@ -190,9 +180,9 @@ static uint32_t lose(struct lightstage *stage, enum ls_err err, const struct ls_
                      struct lightstage_error *error)
 {
     uint32_t said = err == LS_ERR_REFUSED ? ls_connection_error(stage->connection) : 0;
-    uint32_t number = said ? said : own_number(err);
+    uint32_t number = said ? said : ls_library_number(err);
     stage->lost = true;
-    for (struct in_flight *f = stage->first; f; f = f->next) {
+    for (struct ls_in_flight *f = stage->first; f; f = f->next) {
         if (!f->ended && !f->cancelled)
             ls_library_fail(&f->error, number, "%s", diag->text);
         f->ended = true;
@@ -200,38 +190,7 @@ static uint32_t lose(struct lightstage *stage, enum ls_err err, const struct ls_
     return ls_library_fail(error, number, "%s", diag->text);
 }
 
-uint32_t lightstage_connect(const struct lightstage_address *address, struct lightstage **out,
-                            struct lightstage_error *error)
-{
-    struct lightstage_address a;
-    struct lightstage_error why;
-    struct ls_diag diag = {0};
-    uint32_t number = ls_library_take_in(&a, sizeof a, address, error);
-    if (number)
-        return number;
-    if (!a.where)
-        return ls_library_fail(error, LIGHTSTAGE_BAD_ARGUMENT, "no address: set where");
-    struct lightstage *stage = calloc(1, sizeof *stage);
-    if (!stage)
-        return ls_library_fail(error, LIGHTSTAGE_NO_MEMORY, "out of memory");
-    const struct ls_remote remote = {a.where, a.certificate, a.key, a.authority};
-    enum ls_err err = ls_connection_reach(&remote, &stage->connection, &diag);
-    if (err) {
-        free(stage);
-        number = err == LS_ERR_INVALID ? LIGHTSTAGE_BAD_ARGUMENT : own_number(err);
-        return ls_library_fail(error, number, "%s", diag.text);
-    }
-    err = ls_connection_greet(stage->connection, &diag);
-    if (err) {
-        (void)lose(stage, err, &diag, &why);
-        lightstage_close(stage);
-        return ls_library_fail(error, why.number, "%s", why.text);
-    }
-    *out = stage;
-    return 0;
-}
-
-static void hand_out(struct lightstage *stage, struct in_flight *flight,
+static void hand_out(struct lightstage *stage, struct ls_in_flight *flight,
                      const struct ls_reply *reply)
 {
     uint32_t number = 0;
@@ -257,7 +216,7 @@ static uint32_t one_frame(struct lightstage *stage, struct lightstage_error *err
     while (err == LS_ERR_ABORTED); /* a signal */
     if (err && !(err == LS_ERR_REFUSED && reply.request))
         return lose(stage, err, &diag, error);
-    struct in_flight *flight = find(stage, reply.request);
+    struct ls_in_flight *flight = find(stage, reply.request);
     if (err && flight) {
         if (!flight->cancelled)
             ls_library_fail(&flight->error, ls_connection_error(stage->connection), "%s",
@@ -280,13 +239,13 @@ uint32_t lightstage_dispatch(struct lightstage *stage, struct lightstage_error *
 
 int lightstage_has_ended(const struct lightstage *stage, uint32_t request)
 {
-    const struct in_flight *flight = find(stage, request);
+    const struct ls_in_flight *flight = find(stage, request);
     return !flight || flight->ended;
 }
 
 uint32_t lightstage_wait(struct lightstage *stage, uint32_t request, struct lightstage_error *error)
 {
-    struct in_flight *flight = find(stage, request);
+    struct ls_in_flight *flight = find(stage, request);
     if (!flight)
         return ls_library_fail(error, LIGHTSTAGE_BAD_ARGUMENT, "no request %u is in flight",
                                request);

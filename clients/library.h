@@ -8,6 +8,15 @@
 #include "clients/connection.h"
 #include "clients/lightstage.h"
 
+struct ls_in_flight;
+
+struct lightstage {
+    struct ls_connection *connection;
+    struct ls_in_flight *first;
+    ProtobufCMessage *hello; /* HelloReply */
+    bool lost;
+};
+
 /** Called with each reply of a request; not 0: the number it ends with, and it is cancelled. */
 typedef uint32_t ls_on_reply(const struct ls_reply *reply, void *user,
                              struct lightstage_error *error);
@@ -15,6 +24,9 @@ typedef uint32_t ls_on_reply(const struct ls_reply *reply, void *user,
 /** Fill @error (NULL is allowed) and return @number. */
 uint32_t ls_library_fail(struct lightstage_error *error, uint32_t number, const char *fmt, ...)
     LS_PRINTF(3, 4);
+
+/** The library's number for what a connection says. */
+uint32_t ls_library_number(enum ls_err err);
 
 /** Copy the struct @from of a caller, which begins with its size, to @to of @bytes, which is what
  * this library knows of it; what @from lacks is 0. 107, 108. */

@@ -71,6 +71,18 @@ uint32_t lightstage_connect(const struct lightstage_address *address, struct lig
  * not called. */
 void lightstage_close(struct lightstage *stage);
 
+enum lightstage_role {
+    LIGHTSTAGE_NOBODY = 0, /* of a daemon that knows no roles */
+    LIGHTSTAGE_READER = 1, /* sees and fetches */
+    LIGHTSTAGE_OPERATOR = 2,
+};
+
+/** What this client may do there. */
+enum lightstage_role lightstage_role(const struct lightstage *stage);
+
+/** Not 0: the daemon says that it does this: "tiles", "factored"; PROTOCOL.md has the words. */
+int lightstage_can(const struct lightstage *stage, const char *capability);
+
 /** soname's library, "0.1.0". */
 const char *lightstage_version(void);
 

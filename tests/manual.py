@@ -113,11 +113,22 @@ def check_errors():
             if f"| {number} | {words.get(name)} |" not in table]
 
 
+def check_capabilities():
+    """Each word that HelloReply says stands in PROTOCOL.md."""
+    words = re.search(r"capabilities\[\] = \{(.*?)\}", read(ROOT, "daemon", "session.c"), re.DOTALL)
+    words = re.findall(r'"(\w+)"', words.group(1))
+    assert len(words) > 8, words
+    text = read(ROOT, "proto", "PROTOCOL.md")
+    return [f"PROTOCOL.md does not name the capability {word}" for word in words
+            if f"`{word}`" not in text]
+
+
 def main():
     checks = (("every key of a file stands in its page", check_keys),
               ("every command and option stands in lightstagectl(1)", check_commands),
               ("every option stands in lightstage-render(1), and bash completes it", check_render),
               ("the protocol lists every error", check_errors),
+              ("the protocol names every capability", check_capabilities),
               ("bash completes commands and options", check_completion))
     print(f"1..{len(checks)}")
     failed = 0

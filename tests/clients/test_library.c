@@ -283,6 +283,17 @@ static void the_rig_and_a_plans_cost_are_told(struct stage *stage, gconstpointer
     lightstage_preflight_free(cost);
 }
 
+static void a_daemon_says_what_it_does_and_who_one_is(struct stage *stage, gconstpointer data)
+{
+    struct lightstage *client = connected(stage);
+    g_assert_cmpint(lightstage_role(client), ==, LIGHTSTAGE_OPERATOR);
+    g_assert_true(lightstage_can(client, "tiles"));
+    g_assert_true(lightstage_can(client, "events"));
+    g_assert_false(lightstage_can(client, "tile"));
+    g_assert_false(lightstage_can(client, ""));
+    lightstage_close(client);
+}
+
 static void what_was_counted_is_told(struct stage *stage, gconstpointer data)
 {
     struct ls_camera_metrics *camera = &fake_engine_metrics(stage->engine)->cameras[0];
@@ -812,6 +823,8 @@ int main(int argc, char **argv)
                 structs_of_older_and_newer_headers_are_taken);
     ADD_LIBRARY("a-take-is-started-followed-and-told", a_take_is_started_followed_and_told);
     ADD_LIBRARY("the-rig-and-a-plans-cost-are-told", the_rig_and_a_plans_cost_are_told);
+    ADD_LIBRARY("a-daemon-says-what-it-does-and-who-one-is",
+                a_daemon_says_what_it_does_and_who_one_is);
     ADD_LIBRARY("what-was-counted-is-told", what_was_counted_is_told);
     g_test_add_func("/liblightstage/numbers-have-words", numbers_have_words);
     ADD_LIBRARY("takes-on-disk-are-listed-and-verified", takes_on_disk_are_listed_and_verified);
