@@ -143,6 +143,29 @@ def test_sigterm_leaves_the_lights_dark_and_the_take_resumable(folder):
     assert all(after[name] == data for name, data in files.items()), "a published file has changed"
 
 
+def test_a_take_is_not_resumed_on_a_damaged_dark(folder):
+    rig = harness.twelve(folder).start()
+    take = takes.begin(rig, takes.LONG)
+    takes.fire(rig, takes.FIRST_LIGHT + 20)
+    assert takes.ask(rig, "take", "abort")[0] == 0
+    assert takes.ended(rig)[1]["state"] == "aborted"
+    name = next(p["file"] for p in takes.published(rig, take) if p["condition"].startswith("dark"))
+    path = os.path.join(takes.folder(rig, take), name)
+    with open(path, "rb") as file:
+        sound = file.read()
+    with open(path, "wb") as file:
+        file.write(sound[:-100] + bytes([sound[-100] ^ 1]) + sound[-99:])
+    fired = takes.exposures(rig)
+    code, _, err = takes.resume(rig, take)
+    print("#", err.strip())
+    assert code != 0 and takes.exposures(rig) == fired, (code, err)
+    takes.says(err, os.path.basename(name))
+    with open(path, "wb") as file:
+        file.write(sound)
+    code, status, err = takes.resume(rig, take)
+    assert code == 0 and status["state"] == "complete", (status, err)
+
+
 def test_a_complete_take_is_not_resumed(folder):
     rig = harness.twelve(folder).start()
     code, status, err = takes.photograph(rig, harness.PLAN)
