@@ -33,7 +33,11 @@ static void check_camera(const struct ls_config_camera *c)
 
 static void check(const struct ls_config *config)
 {
-    HOLDS(config->storage && config->socket_path && config->rig_name);
+    HOLDS(config->storage && config->socket_path);
+    if (!config->rig_name) { /* it serves takes and makes none */
+        HOLDS(config->n_lights + config->n_channels + config->n_cameras == 0);
+        return;
+    }
     HOLDS(config->n_lights >= 1 && config->n_lights <= LS_MAX_LIGHTS);
     HOLDS(config->n_channels >= 1 && config->n_channels <= LS_MAX_CHANNELS);
     HOLDS(config->n_cameras >= 1 && config->n_cameras <= LS_MAX_CAMERAS);
