@@ -30,6 +30,7 @@ struct guest {
 
 static void enter(struct hall *hall, gconstpointer data)
 {
+    g_main_context_default(); /* as the daemon has it before its threads */
     g_mutex_init(&hall->lock);
     g_cond_init(&hall->changed);
     hall->pool = ls_job_pool_create(THREADS);
