@@ -3,6 +3,8 @@
 #include <stdbool.h>
 #include <string.h>
 
+enum { DEEPEST = 32 };
+
 /* The end of the comment that begins at @at, or @at. */
 static const char *after_comment(const char *at)
 {
@@ -31,26 +33,64 @@ static int line_of(const char *text, const char *at)
     return line;
 }
 
+/* Where in a text. */
+struct place {
+    char before;        /* the last character that is neither blank nor comment; of a string '"' */
+    char open[DEEPEST]; /* brackets */
+    size_t depth;
+};
+
+/* A comma ends a setting, too. */
+static bool value_may_begin(const struct place *place)
+{
+    bool among_values = place->depth > 0 && strchr("[(", place->open[place->depth - 1]);
+    return place->before &&
+           (strchr("=:[(\"", place->before) || (place->before == ',' && among_values));
+}
+
+/* False: too deep. */
+static bool pass(struct place *place, char c)
+{
+    if (strchr("[({", c) && place->depth == DEEPEST)
+        return false;
+    if (strchr("[({", c))
+        place->open[place->depth++] = c;
+    else if (strchr("])}", c) && place->depth > 0)
+        place->depth--;
+    place->before = c;
+    return true;
+}
+
+static enum ls_err check_string(const char *what, const char *text, const char *at,
+                                const struct place *place, const char **end, struct ls_diag *diag)
+{
+    *end = after_string(at);
+    if (!*end)
+        return ls_fail(diag, LS_ERR_INVALID, "%s:%d: the string has no end", what,
+                       line_of(text, at));
+    if (!value_may_begin(place))
+        return ls_fail(diag, LS_ERR_INVALID, "%s:%d: a string where no value is expected", what,
+                       line_of(text, at));
+    return LS_OK;
+}
+
 /* Strings end, and stand where a value may begin or after another string. */
 static enum ls_err check_strings(const char *what, const char *text, struct ls_diag *diag)
 {
-    char before = 0; /* the last character that is neither blank nor comment */
-    for (const char *at = text; *at;) {
-        const char *end = after_comment(at);
-        if (end == at && *at == '"') {
-            end = after_string(at);
-            if (!end)
-                return ls_fail(diag, LS_ERR_INVALID, "%s:%d: the string has no end", what,
-                               line_of(text, at));
-            if (!before || !strchr("=:[(,\"", before))
-                return ls_fail(diag, LS_ERR_INVALID, "%s:%d: a string where no value is expected",
-                               what, line_of(text, at));
-        }
-        if (end == at && !strchr(" \t\r\n\f\v", *at))
-            before = *at;
-        else if (end != at && *at == '"')
-            before = '"';
-        at = end == at ? at + 1 : end;
+    struct place place = {0};
+    for (const char *at = text, *end; *at; at = end) {
+        end = after_comment(at);
+        if (end > at)
+            continue;
+        enum ls_err err = LS_OK;
+        end = at + 1;
+        if (*at == '"')
+            err = check_string(what, text, at, &place, &end, diag);
+        if (err)
+            return err;
+        if (!strchr(" \t\r\n\f\v", *at) && !pass(&place, *at))
+            return ls_fail(diag, LS_ERR_INVALID, "%s:%d: brackets in more than %d others", what,
+                           line_of(text, at), DEEPEST);
     }
     return LS_OK;
 }

@@ -15,8 +15,8 @@
 
 /**
  * Parse @text into @tree, which config_init made and config_destroy ends. @what begins every
- * sentence. LS_ERR_INVALID with the line: libconfig's own errors, a string out of place, and
- * @include, since a client has no business in the daemon's file system.
+ * sentence. LS_ERR_INVALID with the line: libconfig's own errors, a string out of place, brackets
+ * in more than 32 others, and @include, since a client has no business in the daemon's file system.
  */
 LS_MUST_CHECK enum ls_err ls_conf_text(const char *what, const char *text, config_t *tree,
                                        struct ls_diag *diag);

@@ -22,6 +22,7 @@ static void strings_and_comments_of_every_form_are_read(void)
         "a = \"b\";",
         "a : \"b\" \"c\"\n  \"d\";",
         "a = [\"b\", \"c\"]; d = ( \"e\", { f = \"g\"; } );",
+        "a = \"b\", c = [\"d\"], e = ( ( 1, { f = 2, g = \"h\" } ), \"i\" )",
         "a = \"quoted \\\" and \\\\\"; b = \"\\\\\";",
         "# \"no end\na = /* \"neither */ \"b\"; // \"\n",
     };
@@ -45,6 +46,8 @@ static void strings_out_of_place_are_refused_with_their_line(void)
         {"a = 1; \"b\";", "a string where no value is expected"},
         {"a = { \"b\" };", "a string where no value is expected"},
         {"a = \"b\" c \"d\";", "a string where no value is expected"},
+        {"a = \"b\", \"c\";", "plan:1: a string where no value is expected"},
+        {"a = ( { b = [1, 2], \"c\"; } );", "a string where no value is expected"},
         {"a = ;", "plan:1: syntax error"},
         {"@include \"x\"", "@include: expected the whole plan in one text"},
     };
@@ -56,11 +59,24 @@ static void strings_out_of_place_are_refused_with_their_line(void)
     }
 }
 
+static void brackets_are_in_32_others_at_most(void)
+{
+    struct ls_diag diag = {0};
+    char text[100] = "a = ";
+    memset(text + 4, '(', 32);
+    memset(text + 36, ')', 32);
+    g_assert_cmpint(parse(text, &diag), ==, LS_OK);
+    memset(text + 4, '(', 33);
+    memset(text + 37, ')', 33);
+    g_assert_cmpint(parse(text, &diag), ==, LS_ERR_INVALID);
+    g_assert_nonnull(strstr(diag.text, "plan:1: brackets in more than 32 others"));
+}
+
 /* Each text's string is 100 kB long: a hundred that are lost would be 10 MB. */
 static void a_refused_text_leaves_nothing_behind(void)
 {
-    static const char *const forms[] = {"a = \"%s", "a = 1; \"%s\";", "a = { \"%s\" };",
-                                        "a = [1, \"%s\"];", "a = \"%s\" b"};
+    static const char *const forms[] = {"a = \"%s",         "a = 1; \"%s\";", "a = { \"%s\" };",
+                                        "a = [1, \"%s\"];", "a = \"%s\" b",   "a = 1, \"%s\";"};
     g_autofree char *content = g_strnfill(100000, 'x');
     for (size_t i = 0; i < G_N_ELEMENTS(forms); i++) {
         g_auto(GStrv) halves = g_strsplit(forms[i], "%s", 2);
@@ -84,6 +100,8 @@ int main(int argc, char **argv)
                     strings_and_comments_of_every_form_are_read);
     g_test_add_func("/conf-text/strings-out-of-place-are-refused-with-their-line",
                     strings_out_of_place_are_refused_with_their_line);
+    g_test_add_func("/conf-text/brackets-are-in-32-others-at-most",
+                    brackets_are_in_32_others_at_most);
     g_test_add_func("/conf-text/a-refused-text-leaves-nothing-behind",
                     a_refused_text_leaves_nothing_behind);
     return g_test_run();
