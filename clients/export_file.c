@@ -10,6 +10,9 @@
 #include <string.h>
 
 static const size_t file_limit = (size_t)8 << 30;
+static const char calibrated_units[] =
+    "R: radiance under irradiance 1 from the light's direction; a 100 % Lambertian facing a white "
+    "light reads 1/pi";
 
 /* ---- which spectra ---- */
 
@@ -33,8 +36,10 @@ static enum ls_err choose_spectra(struct ls_export *export, const char *list)
         bool had = d->channels[c].spectrum && (d->channels[c].each || d->channels[c].sphere ||
                                                d->channels[c].headlight || d->channels[c].segments);
         if (list ? is_named(list, d->channels[c].name) : had)
-            export->spectra[export->n_spectra++] = (struct ls_export_spectrum){
-                .name = d->channels[c].name, .photographed = d->channels[c].each};
+            export->spectra[export->n_spectra++] =
+                (struct ls_export_spectrum){.name = d->channels[c].name,
+                                            .photographed = d->channels[c].each,
+                                            .duty = d->channels[c].duty};
     }
     if (export->n_spectra && (!list || export->n_spectra == wanted))
         return LS_OK;
@@ -80,7 +85,14 @@ static void describe(struct ls_export *export, struct ls_export_spectrum *spectr
     ls_picture_attrs_light(export->document, light, attrs);
     ls_export_space_attrs(&export->space, attrs);
     ls_exr_attrs_string(attrs, "lightstage/cfa", "none");
+    if (spectrum->duty > 0)
+        ls_exr_attrs_float(attrs, "lightstage/duty", spectrum->duty);
     ls_exr_attrs_string(attrs, "lightstage/units", "R");
+    ls_exr_attrs_string(attrs, "lightstage/valueUnits",
+                        band->calibrated ? calibrated_units
+                                         : "R without calibration: as "
+                                           "photographed, full scale in "
+                                           "referenceExposure is 1");
     ls_exr_attrs_string(attrs, "lightstage/positionUnits",
                         "m from the stage's centre: x camera-right, y up, z to the camera");
     ls_exr_attrs_string(attrs, "lightstage/export", export->recipe);

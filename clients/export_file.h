@@ -19,6 +19,7 @@
 struct ls_export_spectrum {
     const char *name;
     bool photographed;     /* light by light */
+    float duty;            /* of those pictures, nominal; 0: there is no single one */
     struct ls_image image; /* of the light last written or found */
     struct ls_exr_attrs attrs;
     char channel_names[3][40];

@@ -104,7 +104,11 @@ static void read_conditions(struct ls_take_document *d, const json_t *doc)
         for (uint32_t c = 0; kind && channel && c < d->n_channels; c++) {
             if (strcmp(d->channels[c].name, channel) != 0)
                 continue;
-            d->channels[c].each |= strcmp(kind, "one") == 0 || is_multiplexed(kind, pattern);
+            bool one = strcmp(kind, "one") == 0;
+            d->channels[c].each |= one || is_multiplexed(kind, pattern);
+            if (one)
+                d->channels[c].duty =
+                    (float)json_integer_value(json_object_get(item, "level")) / 65535;
             d->channels[c].sphere |=
                 strcmp(kind, "sphere") == 0 && !json_is_true(json_object_get(item, "reference"));
             d->channels[c].headlight |= is_headlight(kind, pattern);

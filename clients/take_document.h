@@ -32,6 +32,7 @@ struct ls_take_document {
     struct {
         char name[32];
         bool spectrum, each, sphere, headlight, segments; /* segments: lights lit together */
+        float duty; /* nominal, at which single lights were shown; 0: none were */
     } channels[LS_DOCUMENT_CHANNELS];
     struct ls_document_camera camera;
     bool mono;

@@ -203,7 +203,10 @@ def test_export_writes_what_fetch_brings_and_skips_what_is_whole(folder):
         said = subprocess.run(["oiiotool", "--info", "-v", "-a", files[1]], check=True,
                               capture_output=True, text=True).stdout
         for words in ("6 subimages", "channel list: W.R, W.G, W.B", "channel list: B.R, B.G, B.B",
-                      "oiio:subimagename: \"A\"", "lightstage/light: 7", "lightstage/units: \"R\"", "lightstage/position:",
+                      "oiio:subimagename: \"A\"", "lightstage/light: 7",
+                      "lightstage/units: \"R\"",
+                      "lightstage/position:", "lightstage/duty: 1", "reads 1/pi",
+                      "m from the stage's centre",
                       "worldToCamera", "tile size: 64 x 64"):
             assert words in said, (words, said)
     else:
