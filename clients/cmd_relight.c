@@ -1,12 +1,12 @@
 #include "clients/command.h"
 #include "clients/environment_file.h"
 #include "clients/light_weights.h"
-#include "clients/numbered_name.h"
 #include "clients/picture_attrs.h"
 #include "clients/picture_file.h"
 #include "clients/relight_options.h"
 #include "clients/region_option.h"
 #include "clients/relight_request.h"
+#include "clients/relight_text.h"
 #include "clients/relit_space.h"
 #include "clients/weights_file.h"
 
@@ -113,14 +113,10 @@ static enum ls_err write_picture(struct work *work, uint32_t picture, const char
     return err;
 }
 
-static char *name_of(const char *name, uint32_t picture)
-{
-    return name ? ls_name_numbered(name, picture + 1) : NULL;
-}
-
 static enum ls_err write_numbered(struct work *work, uint32_t picture)
 {
-    char *exr = name_of(work->options->exr, picture), *png = name_of(work->options->png, picture);
+    char *exr = ls_relight_name(work->options->exr, picture),
+         *png = ls_relight_name(work->options->png, picture);
     enum ls_err err = LS_OK;
     if ((work->options->exr && !exr) || (work->options->png && !png))
         err = ls_fail(&work->context->diag, LS_ERR_NOMEM, "out of memory");
@@ -129,91 +125,6 @@ static enum ls_err write_numbered(struct work *work, uint32_t picture)
     free(exr);
     free(png);
     return err;
-}
-
-/* ---- saying ---- */
-
-/* What the solve of the strengths was, and how well it went; NULL where there was none. */
-static json_t *solve_json(const struct ls_light_weights *weights)
-{
-    const struct ls_lighting_solution *solution = &weights->solution;
-    if (!weights->solved)
-        return NULL;
-    json_t *json = json_pack(
-        "{ss ss sf sf sf si}", "mode", solution->mode == LS_SOLVE_SHARED ? "shared" : "per-target",
-        "space", solution->space == LS_SOLVE_AFTER_M ? "after-M" : "camera-raw", "tikhonov",
-        weights->tikhonov, "residual", weights->residual, "worst_residual",
-        solution->worst.relative, "rank", (int)solution->worst.rank);
-    if (isfinite(solution->worst.condition))
-        json_object_set_new(json, "condition", json_real(solution->worst.condition));
-    return json;
-}
-
-/* Of one picture, into @json. */
-static void add_picture(const struct work *work, uint32_t picture, json_t *json)
-{
-    const struct ls_light_weights *weights = &work->weights[picture];
-    char *exr = name_of(work->options->exr, picture), *png = name_of(work->options->png, picture);
-    json_t *own = json_pack("{sf sf so* ss* ss*}", "solve_residual",
-                            weights->solution.worst.relative, "unreachable", weights->unreachable,
-                            "solve", solve_json(weights), "output", exr, "png", png);
-    json_object_update(json, own);
-    json_decref(own);
-    free(exr);
-    free(png);
-}
-
-static json_t *pictures_json(const struct work *work)
-{
-    json_t *list = json_array();
-    for (uint32_t k = 0; k < work->n; k++) {
-        json_t *json = json_pack("{ss sf}", "environment", ls_relight_light(work->options, k),
-                                 "rotation", ls_relight_turn(work->options, k));
-        add_picture(work, k, json);
-        json_array_append_new(list, json);
-    }
-    return list;
-}
-
-static void print_warnings(const struct work *work)
-{
-    for (uint32_t k = 0; k < work->n; k += work->options->n_turns) {
-        const struct ls_light_weights *weights = &work->weights[k];
-        if (weights->warning)
-            fprintf(stderr, "lightstagectl: warning: %s\n", weights->warning);
-        if (weights->left_out[0] && k == 0)
-            fprintf(stderr, "lightstagectl: warning: %s\n", weights->left_out);
-        if (weights->unreachable > 0.001)
-            fprintf(stderr,
-                    "lightstagectl: warning: %.1f %% of the map's light has colours no light can "
-                    "have; the nearest were taken\n",
-                    weights->unreachable * 100);
-    }
-}
-
-static void print_result(const struct work *work)
-{
-    const struct ls_relit *result = &work->result;
-    print_warnings(work);
-    if (!work->context->json) {
-        if (work->n > 1)
-            printf("%u pictures in %u %s over the take: ", work->n, result->passes,
-                   result->passes == 1 ? "pass" : "passes");
-        printf("%u lights used, %u skipped, error bound %.3g, %.2f s\n", result->lights_used,
-               result->lights_skipped, result->bound, result->seconds);
-        ls_promotion_report_print(&result->report);
-        return;
-    }
-    json_t *json = json_pack(
-        "{si si sI sf sf si sb so}", "lights_used", (int)result->lights_used, "lights_skipped",
-        (int)result->lights_skipped, "tiles_skipped", (json_int_t)result->tiles_skipped,
-        "error_bound", result->bound, "seconds", result->seconds, "passes", (int)result->passes,
-        "calibrated", result->calibrated, "spectra", ls_promotion_report_json(&result->report));
-    if (work->n == 1)
-        add_picture(work, 0, json);
-    else
-        json_object_set_new(json, "pictures", pictures_json(work));
-    ls_command_print_json(json);
 }
 
 /* ---- the command ---- */
@@ -289,7 +200,9 @@ static int make_all(struct work *work)
     for (uint32_t first = 0, n = 0; first < work->n && !code; first += n)
         code = make_some(work, first, &n);
     if (!code)
-        print_result(work);
+        ls_relight_print(
+            &(struct ls_relight_told){work->options, work->weights, &work->result, work->n},
+            work->context->json);
     return code;
 }
 
