@@ -1,5 +1,6 @@
 #include "core/rgbe.h"
 
+#include <float.h>
 #include <math.h>
 #include <stdbool.h>
 #include <stdlib.h>
@@ -260,18 +261,24 @@ static bool read_scanline(struct reader *reader, uint8_t *out, uint32_t n)
     return true;
 }
 
-static void put_scanline(const struct header *header, const uint8_t *rgbe, uint32_t s,
+/* False: a pixel is more than a float holds. */
+static bool put_scanline(const struct header *header, const uint8_t *rgbe, uint32_t s,
                          float *pixels)
 {
+    double most = 0;
     ptrdiff_t at = header->base + (ptrdiff_t)s * header->per_scanline;
     for (uint32_t p = 0; p < header->length; p++, at += header->per_pixel) {
         const uint8_t *in = rgbe + 4 * p;
         if (!in[3])
             continue;
         double scale = ldexp(1.0, in[3] - (128 + 8));
-        for (int c = 0; c < 3; c++)
-            pixels[3 * at + c] = (float)((in[c] + 0.5) * scale / header->divide[c]);
+        for (int c = 0; c < 3; c++) {
+            double v = (in[c] + 0.5) * scale / header->divide[c];
+            most = fmax(most, v);
+            pixels[3 * at + c] = (float)fmin(v, FLT_MAX);
+        }
     }
+    return most <= FLT_MAX;
 }
 
 enum ls_err ls_rgbe_read(const void *bytes, size_t n_bytes, size_t limit_bytes,
@@ -296,12 +303,15 @@ enum ls_err ls_rgbe_read(const void *bytes, size_t n_bytes, size_t limit_bytes,
     if (!rgbe)
         err = ls_fail(diag, LS_ERR_NOMEM, "no memory for %zu bytes", line_bytes);
     for (uint32_t s = 0; s < header.n_scanlines && !err; s++) {
-        if (read_scanline(&reader, rgbe, header.length))
-            put_scanline(&header, rgbe, s, image->pixels);
-        else
+        if (!read_scanline(&reader, rgbe, header.length))
             err = ls_fail(diag, LS_ERR_INVALID,
                           "Radiance HDR: scanline %u of %u is truncated or "
                           "malformed",
+                          s, header.n_scanlines);
+        else if (!put_scanline(&header, rgbe, s, image->pixels))
+            err = ls_fail(diag, LS_ERR_INVALID,
+                          "Radiance HDR: scanline %u of %u is brighter than a float "
+                          "holds: correct EXPOSURE and COLORCORR",
                           s, header.n_scanlines);
     }
     if (err)

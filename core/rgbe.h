@@ -19,8 +19,9 @@
  * -Y +X and, by flipping, any of the other seven; COLORCORR (divided likewise); PRIMARIES equal to
  * Rec. 709 or Radiance's own default, or all zero, which some programs write for "unset".
  * Refused (LS_ERR_UNSUPPORTED): XYZE, other PRIMARIES, a GAMMA other than 1, PIXASPECT other
- * than 1. LS_ERR_INVALID: malformed or truncated, with the line or scanline. LS_ERR_LIMIT: more
- * than @limit_bytes of memory. @image: (transfer full), 3 channels, top row first.
+ * than 1. LS_ERR_INVALID: malformed, truncated or brighter than a float holds, with the line or
+ * scanline. LS_ERR_LIMIT: more than @limit_bytes of memory. @image: (transfer full), 3 channels,
+ * top row first.
  */
 LS_MUST_CHECK enum ls_err ls_rgbe_read(const void *bytes, size_t n_bytes, size_t limit_bytes,
                                        struct ls_image *image, struct ls_diag *diag);

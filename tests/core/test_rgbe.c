@@ -108,6 +108,9 @@ static void test_refusals(void)
     assert_refused(HEAD "PRIMARIES=1 2 3\n\n-Y 2 +X 3\n", LS_ERR_INVALID, "eight numbers");
     assert_refused(HEAD "EXPOSURE=0\n\n-Y 2 +X 3\n", LS_ERR_INVALID, "positive");
     assert_refused(HEAD "EXPOSURE=nan\n\n-Y 2 +X 3\n", LS_ERR_INVALID, "positive");
+    assert_refused(HEAD "EXPOSURE=1e-300\n\n-Y 2 +X 3\n", LS_ERR_INVALID, "brighter");
+    assert_refused(HEAD "EXPOSURE=1e-300\nEXPOSURE=1e-300\n\n-Y 2 +X 3\n", LS_ERR_INVALID,
+                   "brighter"); /* their product is 0 */
     assert_refused(HEAD "EXPOSURE=x\n\n-Y 2 +X 3\n", LS_ERR_INVALID, "positive");
     assert_refused(HEAD "\n-Y 2 +Y 3\n", LS_ERR_INVALID, "-Y 512 +X 1024");
     assert_refused(HEAD "\n-Y 2\n", LS_ERR_INVALID, "-Y 512 +X 1024");
