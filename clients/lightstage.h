@@ -109,7 +109,8 @@ size_t lightstage_in_flight(const struct lightstage *stage);
 /** Not 0: lightstage_wait says at once how @request has ended, or that there is none. */
 int lightstage_has_ended(const struct lightstage *stage, uint32_t request);
 
-/** Wait until @request has ended, and say how; it is forgotten then. 107: no such request. */
+/** Wait until @request has ended, and say how; it is forgotten then. What has been read of others
+ * by then is handed out too, so that polling tells of the rest. 107: no such request. */
 uint32_t lightstage_wait(struct lightstage *stage, uint32_t request,
                          struct lightstage_error *error);
 
