@@ -59,6 +59,7 @@ static void learn(struct ls_camera_thread *thread, const struct ls_bind_verdict 
     struct ls_camera_residuals *r = &thread->residuals;
     uint64_t ns = verdict->event.us * 1000;
     if (ns > thread->compared_ns + PAIR_GAP_NS) {
+        /* before and after are the same */
         (void)ls_clock_add(&thread->config.clock, verdict->frame.camera_ns, ns, ns);
         thread->compared_ns = ns;
     }

@@ -34,6 +34,24 @@ static enum ls_err load_defects(const struct ls_published *published, const void
     return err ? ls_fail(diag, err, "out of memory") : LS_OK;
 }
 
+/* What the rest of the take would be built on. */
+static enum ls_err read_checked(const struct ls_resumed_input *in,
+                                const struct ls_published *published, uint8_t **bytes, size_t *n,
+                                struct ls_diag *diag)
+{
+    struct ls_diag why = {0};
+    enum ls_err err = ls_takedir_read(in->dir, published, bytes, n, &why);
+    if (!err)
+        err = ls_published_check(published, *bytes, *n, &why);
+    if (err == LS_ERR_NOMEM)
+        return ls_fail(diag, err, "%s", why.text);
+    return err ? ls_fail(
+                     diag, LS_ERR_INVALID,
+                     "%.300s: the take cannot go on from it; copy it back, or make the take anew",
+                     why.text)
+               : LS_OK;
+}
+
 static enum ls_err load_dark(const struct ls_resumed_input *in,
                              const struct ls_published *published, uint32_t camera,
                              uint32_t exposure, struct ls_resumed *out, struct ls_diag *diag)
@@ -41,9 +59,7 @@ static enum ls_err load_dark(const struct ls_resumed_input *in,
     LS_CLEANUP_FREE uint8_t *bytes = NULL;
     size_t n_bytes = 0;
     struct ls_image image = {0};
-    enum ls_err err = ls_takedir_read(in->dir, published, &bytes, &n_bytes, diag);
-    if (!err)
-        err = ls_published_check(published, bytes, n_bytes, diag);
+    enum ls_err err = read_checked(in, published, &bytes, &n_bytes, diag);
     if (!err)
         err = ls_exr_read(bytes, n_bytes, NULL, DARK_LIMIT_BYTES, &image, NULL, diag);
     const struct ls_camera_info *info = in->cameras[camera];
@@ -68,9 +84,7 @@ static enum ls_err load_reference(const struct ls_resumed_input *in,
     size_t n_bytes = 0, n_px = (size_t)published->width * published->height;
     struct ls_exr_plane mosaic = {0}, validity = {0};
     const struct ls_pixel_format *format = ls_pixel_by_name(in->cameras[camera]->pixel_format);
-    enum ls_err err = ls_takedir_read(in->dir, published, &bytes, &n_bytes, diag);
-    if (!err)
-        err = ls_published_check(published, bytes, n_bytes, diag);
+    enum ls_err err = read_checked(in, published, &bytes, &n_bytes, diag);
     if (!err)
         err = ls_exr_read_plane(bytes, n_bytes, NULL, DARK_LIMIT_BYTES, &mosaic, diag);
     if (!err && published->tile_invalid)

@@ -33,8 +33,8 @@ struct ls_resumed_input {
 
 /**
  * Read darks and references (checked against the journal), mark what is done. On failure @out is
- * to be finished too. Errors: LS_ERR_MISMATCH (a camera of another size), LS_ERR_ABORTED,
- * LS_ERR_NOMEM, those of reading (a damaged picture is named).
+ * to be finished too. Errors: LS_ERR_MISMATCH (a camera of another size), LS_ERR_INVALID (a
+ * picture is damaged or gone: it is named), LS_ERR_ABORTED, LS_ERR_NOMEM.
  */
 LS_MUST_CHECK enum ls_err ls_resumed_find(const struct ls_resumed_input *in, struct ls_resumed *out,
                                           struct ls_diag *diag);

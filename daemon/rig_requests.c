@@ -254,6 +254,14 @@ static void reply_started(const struct asked *asked)
     reply(asked, &body.base);
 }
 
+/* Of a take on disk all but limits is what it holds. */
+static enum ls_proto_context about_take(const struct asked *asked)
+{
+    enum ls_err err = asked->request.err;
+    bool stored = asked->type == LS_MESSAGE_TAKE_RESUME && err == LS_ERR_INVALID;
+    return stored ? LS_PROTO_ABOUT_STORAGE : about_plan(err);
+}
+
 static void on_started(struct ls_request *request)
 {
     struct asked *asked = (struct asked *)request;
@@ -262,7 +270,7 @@ static void on_started(struct ls_request *request)
         ls_session_waited(asked->session, &asked->pending);
         ls_session_error(asked->session, asked->pending.request, LS_PROTO_RIG_CHANGED,
                          request->diag.text);
-    } else if (went_well(asked, about_plan(request->err))) {
+    } else if (went_well(asked, about_take(asked))) {
         reply_started(asked);
     }
     g_free(asked);

@@ -106,6 +106,7 @@ static void compare_clocks(struct ls_run *run)
     const struct ls_lights_status *s = &run->status;
     if (s->host_after_ns < run->compared_ns + PAIR_GAP_NS)
         return;
+    /* the poll took its times in this order */
     (void)ls_clock_add(run->seq->controller, s->now_us, s->host_before_ns, s->host_after_ns);
     run->compared_ns = s->host_after_ns;
 }

@@ -298,10 +298,15 @@ static enum ls_err warm(struct warming *w)
 
 enum ls_err ls_warm_up_run(struct ls_warm_up *warm_up, struct ls_diag *diag)
 {
-    struct ls_diag dark;
+    struct ls_diag dark = {0};
     struct warming w = {.warm_up = warm_up, .diag = diag};
     ls_clock_init(&warm_up->controller, 1e6, CLOCK_FLOOR_NS);
     enum ls_err err = warm(&w);
-    enum ls_err blanked = ls_lights_blank(warm_up->lights, err ? &dark : diag);
-    return err ? err : blanked;
+    enum ls_err blanked = ls_lights_blank(warm_up->lights, &dark);
+    if (!blanked)
+        return err;
+    const struct ls_diag before = err && diag ? *diag : (struct ls_diag){0};
+    return ls_fail(diag, err ? err : blanked,
+                   "%.250s%s%.150s: LEDs may be lit until the heartbeat blanks them", before.text,
+                   err ? "; and blanking failed: " : "", dark.text);
 }

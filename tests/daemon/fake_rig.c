@@ -339,6 +339,7 @@ enum ls_err ls_lights_blank(struct ls_lights *lights, struct ls_diag *diag)
         lights->rig->options.armed(false);
     g_mutex_lock(&lights->rig->lock);
     bool fails = lights->rig->options.blank_fails && lights->rig->armed > 1;
+    fails |= lights->rig->options.warm_up_blank_fails;
     blank(lights->rig);
     lights->rig->work_light = 0;
     g_mutex_unlock(&lights->rig->lock);

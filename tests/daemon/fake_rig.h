@@ -61,6 +61,7 @@ struct fake_options {
     uint32_t crowded_us; /* lights: camera 0's frames come so much after one another, 0 = at once */
     unsigned char faults[FAKE_MAX_PULSES]; /* enum fake_fault */
     unsigned char warm_up_faults[FAKE_MAX_PULSES];
+    bool warm_up_blank_fails;
     void (*armed)(bool now); /* called with true at every arm, with false at every blank; or NULL */
 };
 

@@ -180,6 +180,24 @@ static void test_blank_fails(void)
     clear(s);
 }
 
+static void test_warm_up_blank_fails(void)
+{
+    struct stage *s = new_stage();
+    s->options.warm_up_blank_fails = true;
+    set_up(s);
+    g_assert_cmpint(ls_capture_run(s->capture, &s->report, &s->diag), ==, LS_ERR_GONE);
+    g_assert_nonnull(strstr(s->diag.text, "controller unplugged: LEDs may be lit"));
+    clear(s);
+    s = new_stage();
+    s->options.warm_up_blank_fails = true;
+    memset(s->options.warm_up_faults, FAKE_VANISHED, sizeof s->options.warm_up_faults);
+    set_up(s);
+    g_assert_cmpint(ls_capture_run(s->capture, &s->report, &s->diag), ==, LS_ERR_TIMEOUT);
+    g_test_message("%s", s->diag.text);
+    g_assert_nonnull(strstr(s->diag.text, "; and blanking failed: controller unplugged: LEDs may"));
+    clear(s);
+}
+
 int main(int argc, char **argv)
 {
     g_test_init(&argc, &argv, NULL);
@@ -194,5 +212,6 @@ int main(int argc, char **argv)
     g_test_add_func("/capture/an-abort-is-dark-at-once", test_abort);
     g_test_add_func("/capture/a-resumed-take-shoots-only-what-is-missing", test_resume);
     g_test_add_func("/capture/a-failed-blank-is-told-whatever-went-wrong-before", test_blank_fails);
+    g_test_add_func("/capture/a-failed-blank-after-the-warm-up-is-told", test_warm_up_blank_fails);
     return g_test_run();
 }

@@ -159,7 +159,7 @@ def test_a_take_is_not_resumed_on_a_damaged_dark(folder):
     code, _, err = takes.resume(rig, take)
     print("#", err.strip())
     assert code != 0 and takes.exposures(rig) == fired, (code, err)
-    takes.says(err, os.path.basename(name))
+    takes.says(err, os.path.basename(name), "make the take anew", "(402 damaged)")
     with open(path, "wb") as file:
         file.write(sound)
     code, status, err = takes.resume(rig, take)
