@@ -62,7 +62,7 @@ static enum ls_err write_exr(const struct work *work, uint32_t picture, const ch
     ls_exr_attrs_string(&attrs, "lightstage/units", rec709 ? "rec709-linear" : "camera-raw");
     ls_exr_attrs_float(&attrs, "lightstage/rotation", (float)ls_relight_turn(options, picture));
     if (rec709)
-        ls_exr_attrs_chromaticities(&attrs, "chromaticities", ls_rec709_primaries);
+        ls_picture_attrs_primaries(&ls_primaries_rec709, &attrs);
     enum ls_err err =
         ls_picture_file_exr(path, image, LS_EXR_FLOAT, &place, NULL, &attrs, &work->context->diag);
     ls_exr_attrs_finish(&attrs);

@@ -3,6 +3,7 @@
 #include "clients/command.h"
 #include "core/exr.h"
 #include "core/mirror_ball.h"
+#include "core/primaries.h"
 #include "core/rgbe.h"
 
 #include <math.h>
@@ -45,10 +46,10 @@ static enum ls_err spread_grey(struct ls_image *image, struct ls_diag *diag)
 /* The map's numbers are Rec. 709, or the camera's own, which no primaries describe. */
 static enum ls_err check_primaries(const struct ls_exr_attrs *attrs, struct ls_diag *diag)
 {
-    static const float rec709[8] = {0.64f, 0.33f, 0.30f, 0.60f, 0.15f, 0.06f, 0.3127f, 0.3290f};
     const struct ls_exr_attr *attr = ls_exr_attrs_find(attrs, "chromaticities");
     for (int i = 0; attr && i < 8; i++)
-        if (attr->kind != LS_EXR_ATTR_CHROMATICITIES || !(fabsf(attr->f[i] - rec709[i]) < 0.0015f))
+        if (attr->kind != LS_EXR_ATTR_CHROMATICITIES ||
+            !(fabs((double)attr->f[i] - ls_primaries_rec709.xy[i / 2][i % 2]) < 0.0015))
             return ls_fail(diag, LS_ERR_UNSUPPORTED,
                            "OpenEXR: chromaticities other than Rec. 709: convert the map with "
                            "oiiotool --colorconvert, then --eraseattrib chromaticities");

@@ -1,5 +1,7 @@
 #include "clients/export_space.h"
 
+#include "clients/picture_attrs.h"
+
 #include <string.h>
 
 static enum ls_err has_matrix(const char *name, const struct ls_take_document *document,
@@ -68,17 +70,16 @@ enum ls_err ls_export_space_begin(struct ls_export_space *space, const char *nam
 void ls_export_space_attrs(const struct ls_export_space *space, struct ls_exr_attrs *attrs)
 {
     bool rec709 = space->primaries == &ls_primaries_rec709;
-    float xy[8];
     ls_exr_attrs_string(attrs, "lightstage/space",
                         !space->primaries ? "camera-raw"
                         : rec709          ? "rec709-linear"
                                           : "acescg");
     if (!space->primaries)
         return;
-    for (int k = 0; k < 8; k++)
-        xy[k] = (float)space->primaries->xy[k / 2][k % 2];
-    ls_exr_attrs_chromaticities(attrs, "chromaticities", xy);
-    ls_exr_attrs_v2f(attrs, "adoptedNeutral", xy + 6);
+    const double *xy = space->primaries->xy[3];
+    const float white[2] = {(float)xy[0], (float)xy[1]};
+    ls_picture_attrs_primaries(space->primaries, attrs);
+    ls_exr_attrs_v2f(attrs, "adoptedNeutral", white);
     ls_exr_attrs_string(attrs, "lightstage/whitePoint",
                         rec709 ? "D65" : "ACES (0.32168, 0.33767), from D65 by Bradford");
 }

@@ -63,3 +63,11 @@ void ls_picture_attrs_fetched(const struct ls_take_document *document,
     ls_exr_attrs_float(attrs, "lightstage/gain", (float)band->gain_k);
     ls_exr_attrs_float(attrs, "lightstage/referenceExposure", (float)band->reference_exposure_s);
 }
+
+void ls_picture_attrs_primaries(const struct ls_primaries *primaries, struct ls_exr_attrs *attrs)
+{
+    float xy[8];
+    for (int i = 0; i < 8; i++)
+        xy[i] = (float)primaries->xy[i / 2][i % 2];
+    ls_exr_attrs_chromaticities(attrs, "chromaticities", xy);
+}

@@ -8,6 +8,7 @@
 #include "clients/lightstage.h"
 #include "clients/take_document.h"
 #include "core/exr.h"
+#include "core/primaries.h"
 
 /** The take, its time, its camera, its conventions, and whether it was @calibrated. Errors stay in
  * attrs->err. */
@@ -22,5 +23,8 @@ void ls_picture_attrs_light(const struct ls_take_document *document, uint32_t li
 void ls_picture_attrs_fetched(const struct ls_take_document *document,
                               const struct lightstage_band *band, const char *channel,
                               struct ls_exr_attrs *attrs);
+
+/** `chromaticities`. Errors stay in attrs->err. */
+void ls_picture_attrs_primaries(const struct ls_primaries *primaries, struct ls_exr_attrs *attrs);
 
 #endif

@@ -2,8 +2,6 @@
 
 #include "core/primaries.h"
 
-const float ls_rec709_primaries[8] = {0.64f, 0.33f, 0.30f, 0.60f, 0.15f, 0.06f, 0.3127f, 0.3290f};
-
 bool ls_relit_needs_m(const struct ls_take_document *document,
                       const struct ls_light_weights *weights)
 {

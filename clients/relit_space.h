@@ -10,9 +10,6 @@
 
 #include <stdbool.h>
 
-/** CIE xy of Rec. 709: red, green, blue, white (D65), as OpenEXR's `chromaticities`. */
-extern const float ls_rec709_primaries[8];
-
 /** Is a picture under @weights to be multiplied by the calibration's matrix M? Mono cameras have
  * none, and some pictures are after M already. */
 bool ls_relit_needs_m(const struct ls_take_document *document,

@@ -107,7 +107,7 @@ static void describe(const struct batch *batch, uint32_t k, struct ls_exr_attrs 
     ls_exr_attrs_int(attrs, "lightstage/frame", (int32_t)frame->number);
     ls_exr_attrs_string(attrs, "lightstage/recipe", batch->recipe[k]);
     if (rec709)
-        ls_exr_attrs_chromaticities(attrs, "chromaticities", ls_rec709_primaries);
+        ls_picture_attrs_primaries(&ls_primaries_rec709, attrs);
 }
 
 static enum ls_err begin_file(struct batch *batch, uint32_t k, uint32_t width, uint32_t height,
