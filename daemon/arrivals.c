@@ -110,11 +110,20 @@ static gboolean on_ready(gint fd, GIOCondition condition, gpointer data)
 
 /* ---- those who come ---- */
 
+/* One whose machine or network is gone without a word is missed within two minutes. */
+static void set_options(int fd)
+{
+    static const int on = 1, idle_s = 60, every_s = 10, times = 6;
+    setsockopt(fd, IPPROTO_TCP, TCP_NODELAY, &on, sizeof on);
+    setsockopt(fd, IPPROTO_TCP, TCP_KEEPIDLE, &idle_s, sizeof idle_s);
+    setsockopt(fd, IPPROTO_TCP, TCP_KEEPINTVL, &every_s, sizeof every_s);
+    setsockopt(fd, IPPROTO_TCP, TCP_KEEPCNT, &times, sizeof times);
+    setsockopt(fd, SOL_SOCKET, SO_KEEPALIVE, &on, sizeof on);
+}
+
 static void begin(struct ls_arrivals *arrivals, int fd, const struct sockaddr_storage *from)
 {
-    int on = 1;
-    setsockopt(fd, IPPROTO_TCP, TCP_NODELAY, &on, sizeof on);
-    setsockopt(fd, SOL_SOCKET, SO_KEEPALIVE, &on, sizeof on);
+    set_options(fd);
     struct ls_transport *transport = ls_transport_tls(arrivals->tls, fd);
     if (!transport)
         return;

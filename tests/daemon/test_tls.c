@@ -5,6 +5,7 @@
 #include "tests/daemon/server_verbs.h"
 
 #include <netinet/in.h>
+#include <netinet/tcp.h>
 #include <openssl/ssl.h>
 #include <poll.h>
 #include <string.h>
@@ -323,6 +324,49 @@ static void a_crowd_at_the_door_keeps_nobody_out(void)
     hall_close(&hall);
 }
 
+/* The daemon's end of a connection, or -1. */
+static int other_end(int fd)
+{
+    struct sockaddr_in ours = {0}, theirs;
+    socklen_t n = sizeof ours;
+    g_assert_cmpint(getsockname(fd, (struct sockaddr *)&ours, &n), ==, 0);
+    for (int k = 3; k < 1024; k++) {
+        n = sizeof theirs;
+        if (k != fd && !getpeername(k, (struct sockaddr *)&theirs, &n) &&
+            theirs.sin_family == AF_INET && theirs.sin_port == ours.sin_port)
+            return k;
+    }
+    return -1;
+}
+
+static int option_of(int fd, int level, int option)
+{
+    int value = 0;
+    socklen_t n = sizeof value;
+    return fd >= 0 && !getsockopt(fd, level, option, &value, &n) ? value : 0;
+}
+
+/* No packet can be lost on purpose here: that the kernel was asked to look is what is tested. */
+static void who_is_gone_without_a_word_is_missed(void)
+{
+    struct hall hall;
+    hall_init(&hall);
+    hall_open(&hall);
+    int fd = knock(&hall), end = -1;
+    gint64 limit = g_get_monotonic_time() + 10 * G_USEC_PER_SEC;
+    while (!option_of(end, SOL_SOCKET, SO_KEEPALIVE) && g_get_monotonic_time() < limit) {
+        g_usleep(1000); /* an accepted socket says nothing to who waits for it */
+        end = other_end(fd);
+    }
+    g_assert_cmpint(option_of(end, SOL_SOCKET, SO_KEEPALIVE), ==, 1);
+    g_assert_cmpint(option_of(end, IPPROTO_TCP, TCP_KEEPIDLE) +
+                        option_of(end, IPPROTO_TCP, TCP_KEEPINTVL) *
+                            option_of(end, IPPROTO_TCP, TCP_KEEPCNT),
+                    ==, 120);
+    close(fd);
+    hall_close(&hall);
+}
+
 /* ---- slow ones, encrypted ---- */
 
 static struct ls_secure *whisper(const struct hall *hall)
@@ -460,6 +504,8 @@ int main(int argc, char **argv)
     g_test_add_func("/tls/nothing-older-than-1.3-and-nobody-without-a-certificate",
                     nothing_older_than_1_3_and_nobody_without_a_certificate);
     g_test_add_func("/tls/who-only-knocks-is-hung-up-on", who_only_knocks_is_hung_up_on);
+    g_test_add_func("/tls/who-is-gone-without-a-word-is-missed",
+                    who_is_gone_without_a_word_is_missed);
     g_test_add_func("/tls/a-crowd-at-the-door-keeps-nobody-out",
                     a_crowd_at_the_door_keeps_nobody_out);
     g_test_add_func("/tls/half-a-request-is-not-waited-for", half_a_request_is_not_waited_for);
