@@ -149,6 +149,21 @@ LANES_INLINE void promote(uint16_t *to, const uint16_t *ratio, float gain, float
             to, promote_lanes(lanes_from_half(woven[k]) * gain, lanes_load_half(ratio), &finite));
 }
 
+/* The same where all of it lies in half's range, which costs the clamps nothing: what does not, and
+ * what is no number, has the largest exponent to the end, whatever it is multiplied by. Those set
+ * the first bits of @beyond. */
+LANES_INLINE void promote_within(uint16_t *to, const uint16_t *ratio, float gain, floats r,
+                                 floats g, floats b, halves *beyond)
+{
+    halves woven[3];
+    lanes_weave_half(lanes_to_half(r), lanes_to_half(g), lanes_to_half(b), woven);
+    for (int k = 0; k < 3; k++, to += LANES, ratio += LANES) {
+        halves v = lanes_to_half(lanes_from_half(woven[k]) * gain * lanes_load_half(ratio));
+        *beyond |= (v & 0x7fff) + 0x0400;
+        lanes_store_half(to, v);
+    }
+}
+
 /* The last pixels of a line, by way of a buffer. */
 LANES_INLINE void promote_rest(uint16_t *to, const uint16_t *ratio, float gain, size_t n, floats r,
                                floats g, floats b)
@@ -230,26 +245,49 @@ LANES_INLINE void run_line(const struct ls_demosaic_line *line, enum ls_demosaic
     }
 }
 
-#define DEMOSAIC_FORMS(kind)                           \
-    switch (line->form) {                              \
-    case LS_DEMOSAIC_PLANES:                           \
-        run_line(line, kind, LS_DEMOSAIC_PLANES);      \
-        return;                                        \
-    case LS_DEMOSAIC_WOVEN:                            \
-        run_line(line, kind, LS_DEMOSAIC_WOVEN);       \
-        return;                                        \
-    case LS_DEMOSAIC_HALF_PLANES:                      \
-        run_line(line, kind, LS_DEMOSAIC_HALF_PLANES); \
-        return;                                        \
-    case LS_DEMOSAIC_HALF_WOVEN:                       \
-        run_line(line, kind, LS_DEMOSAIC_HALF_WOVEN);  \
-        return;                                        \
-    case LS_DEMOSAIC_ADD:                              \
-        run_line(line, kind, LS_DEMOSAIC_ADD);         \
-        return;                                        \
-    case LS_DEMOSAIC_PROMOTED:                         \
-        run_line(line, kind, LS_DEMOSAIC_PROMOTED);    \
-        return;                                        \
+/* Whole vectors of a promoted line. False: some of it lies beyond half's range, all of it is to be
+ * made again. */
+LANES_INLINE bool run_within(const struct ls_demosaic_line *line, enum ls_demosaic_filter kind)
+{
+    const struct ls_demosaic_line l = *line;
+    const struct taps t = taps(l.green_first, kind == LS_DEMOSAIC_FILTER_GRADIENT);
+    halves beyond = {0};
+
+    if (l.n % LANES)
+        return false;
+    for (size_t p = 0; p < l.n; p += LANES) {
+        struct colours c = filter(&l, p, &t, kind);
+        floats red = l.red_row ? c.own : c.other, blue = l.red_row ? c.other : c.own;
+        promote_within((uint16_t *)l.plane[0] + 3 * p, l.half_ratio + 3 * p, l.scale, red, c.green,
+                       blue, &beyond);
+    }
+    uint16_t any = 0;
+    for (int k = 0; k < LANES; k++)
+        any |= beyond[k];
+    return any < 0x8000;
+}
+
+#define DEMOSAIC_FORMS(kind)                            \
+    switch (line->form) {                               \
+    case LS_DEMOSAIC_PLANES:                            \
+        run_line(line, kind, LS_DEMOSAIC_PLANES);       \
+        return;                                         \
+    case LS_DEMOSAIC_WOVEN:                             \
+        run_line(line, kind, LS_DEMOSAIC_WOVEN);        \
+        return;                                         \
+    case LS_DEMOSAIC_HALF_PLANES:                       \
+        run_line(line, kind, LS_DEMOSAIC_HALF_PLANES);  \
+        return;                                         \
+    case LS_DEMOSAIC_HALF_WOVEN:                        \
+        run_line(line, kind, LS_DEMOSAIC_HALF_WOVEN);   \
+        return;                                         \
+    case LS_DEMOSAIC_ADD:                               \
+        run_line(line, kind, LS_DEMOSAIC_ADD);          \
+        return;                                         \
+    case LS_DEMOSAIC_PROMOTED:                          \
+        if (!run_within(line, kind))                    \
+            run_line(line, kind, LS_DEMOSAIC_PROMOTED); \
+        return;                                         \
     }
 
 LANES_INLINE void demosaic_line(const struct ls_demosaic_line *line)

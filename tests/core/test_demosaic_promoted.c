@@ -15,14 +15,14 @@ struct picture {
     uint16_t mosaic[SIDE * SIDE], ratio[SIDE * (3 * SIDE + GAP)];
 };
 
-/* Of all that a half can be, but mostly numbers. */
-static uint16_t any_half(GRand *rand)
+/* Of all that a half can be, but mostly numbers: one of @numbers is none, or at half's end. */
+static uint16_t any_half(GRand *rand, gint32 numbers)
 {
     static const float odd[] = {NAN,          INFINITY, -INFINITY, LS_HALF_MAX,
                                 -LS_HALF_MAX, 0,        -0.0f,     6e-8f};
-    if (g_rand_int_range(rand, 0, 40) == 0)
+    if (g_rand_int_range(rand, 0, numbers) == 0)
         return ls_half_from_float(odd[g_rand_int_range(rand, 0, G_N_ELEMENTS(odd))]);
-    return ls_half_from_float((float)g_rand_double_range(rand, -1, 400));
+    return ls_half_from_float((float)g_rand_double_range(rand, -1, 150));
 }
 
 static void check(enum ls_isa isa, const struct picture *p, struct ls_demosaic_region region,
@@ -54,22 +54,36 @@ static void check(enum ls_isa isa, const struct picture *p, struct ls_demosaic_r
     g_assert_cmpmem(got, sizeof got, expected, sizeof expected);
 }
 
-static void test_bits(const void *data)
+static void compare(enum ls_isa isa, gint32 numbers)
 {
     guint32 seed = (guint32)g_test_rand_int();
     g_autoptr(GRand) rand = g_rand_new_with_seed(seed);
     struct picture p;
     g_test_message("seed %u", seed);
     for (size_t k = 0; k < G_N_ELEMENTS(p.mosaic); k++)
-        p.mosaic[k] = any_half(rand);
+        p.mosaic[k] = any_half(rand, numbers);
     for (size_t k = 0; k < G_N_ELEMENTS(p.ratio); k++)
-        p.ratio[k] = any_half(rand);
+        p.ratio[k] = any_half(rand, numbers);
     for (uint32_t width = 1; width <= SIDE; width++) {
         uint32_t x = (uint32_t)g_rand_int_range(rand, 0, (gint32)(SIDE - width + 1));
         struct ls_demosaic_region region = {x, width % 7, width, 9};
-        check(isas_of(data), &p, region, LS_DEMOSAIC_GRADIENT, 1);
-        check(isas_of(data), &p, region, LS_DEMOSAIC_BILINEAR, 0.7f);
+        check(isa, &p, region, LS_DEMOSAIC_GRADIENT, 1);
+        check(isa, &p, region, LS_DEMOSAIC_BILINEAR, 0.7f);
+        check(isa, &p, region, LS_DEMOSAIC_GRADIENT, 0);
     }
+}
+
+static void test_bits(const void *data)
+{
+    compare(isas_of(data), 40);
+}
+
+/* A row is made anew where a single sample needs more than half's range: beside rows that do not.
+ */
+static void test_rare(const void *data)
+{
+    for (int k = 0; k < 8; k++)
+        compare(isas_of(data), 4000);
 }
 
 static void test_refusals(void)
@@ -99,6 +113,7 @@ int main(int argc, char **argv)
 {
     g_test_init(&argc, &argv, NULL);
     isas_add("/demosaic-promoted/as-one-after-the-other", test_bits);
+    isas_add("/demosaic-promoted/one-number-out-of-range-is-like-many", test_rare);
     g_test_add_func("/demosaic-promoted/planes-and-floats-are-not-promoted", test_refusals);
     return g_test_run();
 }
