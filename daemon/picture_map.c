@@ -1,5 +1,6 @@
 #include "daemon/picture_map.h"
 
+#include "core/demosaic.h"
 #include "core/half.h"
 #include "core/merge.h"
 
@@ -110,16 +111,42 @@ static struct run run_at(const struct ls_exr_tiles *t, uint32_t x, uint32_t y, u
                         .n = left < end - x ? left : end - x};
 }
 
+/* @rows rows of @bytes bytes. */
+static inline void copy_rows(const uint8_t *from, size_t from_step, size_t bytes, uint32_t rows,
+                             uint8_t *to, size_t to_step)
+{
+    for (uint32_t y = 0; y < rows; y++, from += from_step, to += to_step)
+        memcpy(to, from, bytes);
+}
+
+/* The lengths of a tile with the pixels around it are the compiler's to know. */
+static void copy_run(struct run run, size_t from_step, uint32_t rows, uint16_t *out, size_t width)
+{
+    uint8_t *to = (uint8_t *)out;
+    if (run.n == LS_EXR_TILE_PX)
+        copy_rows(run.halfs, from_step, 2 * LS_EXR_TILE_PX, rows, to, 2 * width);
+    else if (run.n == LS_DEMOSAIC_HALO)
+        copy_rows(run.halfs, from_step, 2 * LS_DEMOSAIC_HALO, rows, to, 2 * width);
+    else
+        copy_rows(run.halfs, from_step, 2 * (size_t)run.n, rows, to, 2 * width);
+}
+
+/* Tile by tile: what is cut out of one lies in one piece of memory. */
 static void read_halfs(const struct ls_exr_tiles *tiles, uint32_t x, uint32_t y, uint32_t width,
                        uint32_t height, uint16_t *out)
 {
-    for (uint32_t row = y; row < y + height; row++)
+    uint32_t rows;
+    for (uint32_t row = y; row < y + height; row += rows) {
+        uint32_t left = tiles->tile_h - row % tiles->tile_h, end = y + height;
+        rows = left < end - row ? left : end - row;
         for (uint32_t col = x; col < x + width;) {
             struct run run = run_at(tiles, col, row, x + width);
-            memcpy(out, run.halfs, 2 * (size_t)run.n);
-            out += run.n;
+            size_t step = 2 * (size_t)ls_exr_tile_width(tiles, col / tiles->tile_w);
+            copy_run(run, step, rows, out + (col - x), width);
             col += run.n;
         }
+        out += (size_t)rows * width;
+    }
 }
 
 void ls_picture_map_read_half(const struct ls_picture_map *map, uint32_t x, uint32_t y,
