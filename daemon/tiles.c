@@ -5,7 +5,7 @@
 #include <string.h>
 #include <unistd.h>
 
-enum { SIDE = LS_EXR_TILE_PX, LENT_BYTES = 1 << 20, MADE_BYTES = 3 << 20, MOST_LISTED = 4096 };
+enum { SIDE = LS_EXR_TILE_PX, LENT_BYTES = 1 << 20, MADE_BYTES = 1 << 20, MOST_LISTED = 4096 };
 
 static enum ls_err out_of_memory(struct ls_diag *diag)
 {
