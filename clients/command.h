@@ -1,6 +1,6 @@
 /*
- * command: what every command of lightstagectl, and lightstage-render, shares: exit codes, options, output.
- * Layer: clients. Threads: the main thread. Ownership: the context is main's.
+ * command: what every command of lightstagectl, and lightstage-render, shares: exit codes, options,
+ * output. Layer: clients. Threads: the main thread. Ownership: the context is main's.
  */
 #ifndef LS_CLIENTS_COMMAND_H
 #define LS_CLIENTS_COMMAND_H
