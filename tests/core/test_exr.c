@@ -479,9 +479,15 @@ static void test_limit(void)
     struct ls_image image;
     struct ls_diag diag = {0};
     write_mosaic(256, 256, half, NULL, &bytes, &n);
-    g_assert_cmpint(ls_exr_read(bytes, n, NULL, 256 * 256 * 4 - 1, &image, NULL, &diag), ==,
+    static const size_t pixels = 256 * 256 * 4, chunk = 64 * 64 * 2; /* a decoder may hold four */
+    g_assert_cmpint(ls_exr_read(bytes, n, NULL, pixels - 1, &image, NULL, &diag), ==, LS_ERR_LIMIT);
+    g_assert_null(image.pixels);
+    g_assert_cmpint(ls_exr_read(bytes, n, NULL, pixels + 4 * chunk - 1, &image, NULL, &diag), ==,
                     LS_ERR_LIMIT);
     g_assert_null(image.pixels);
+    g_assert_cmpint(ls_exr_read(bytes, n, NULL, pixels + 4 * chunk, &image, NULL, &diag), ==,
+                    LS_OK);
+    ls_image_finish(&image);
     free(bytes);
     g_free(half);
 }
