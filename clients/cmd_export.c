@@ -200,7 +200,7 @@ static int run(struct ls_command_context *context, int argc, char **argv)
 }
 
 const struct ls_command ls_command_export = {
-    "export", "Every light's spectra as one OpenEXR file, with a JSON and a CSV list beside them",
+    "export", "Every light's spectra as one OpenEXR file; beside them a list and a contact sheet",
     "TAKE FOLDER [--channels W,R,...] [--lights 0,5,7-9] [--half] [--packed]\n" LS_PROMOTION_USAGE
     "         [--space camera|rec709|acescg] [--camera N] [--json]\n",
     run};

@@ -47,6 +47,8 @@ def packed_is_the_same_and_smaller(rig, take):
     a, b = (os.path.join(folder, f"{take}.0008.exr") for folder in (plain, packed))
     for channel in "WRAGCB":
         assert np.array_equal(pictures.read(a, channel), pictures.read(b, channel)), channel
+    halves = fetched(rig, take, "G", "--half", "--model", "sphere")[1]
+    assert np.array_equal(pictures.read(b, "G"), halves)
     assert os.path.getsize(b) < os.path.getsize(a)
 
 
