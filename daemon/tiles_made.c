@@ -5,7 +5,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-enum { SIDE = LS_EXR_TILE_PX, MADE_BYTES = 1 << 20 };
+enum { SIDE = LS_EXR_TILE_PX, MADE_BYTES = 3 << 20 };
 
 /* ---- by rows ---- */
 
