@@ -5,11 +5,13 @@
 #include <math.h>
 #include <string.h>
 
-static void open_hall(struct hall *hall, bool calibrated, int missing, uint64_t spare_bytes)
+/* @stall_ms: 0 = the default. */
+static void open_hall(struct hall *hall, bool calibrated, int missing, uint64_t spare_bytes,
+                      unsigned stall_ms)
 {
     stage_init(&hall->stage);
     hall->stage.limits.spare_bytes = spare_bytes;
-    hall->stage.limits.stall_ms = 400;
+    hall->stage.limits.stall_ms = stall_ms;
     hall->take = make_take(hall->stage.storage, calibrated, missing);
     stage_open(&hall->stage);
     hall->client = a_client(&hall->stage);
@@ -17,22 +19,27 @@ static void open_hall(struct hall *hall, bool calibrated, int missing, uint64_t 
 
 void with_take(struct hall *hall, gconstpointer data)
 {
-    open_hall(hall, true, -1, 0);
+    open_hall(hall, true, -1, 0, 0);
+}
+
+void with_take_and_little_patience(struct hall *hall, gconstpointer data)
+{
+    open_hall(hall, true, -1, 0, 400);
 }
 
 void with_take_on_a_full_disk(struct hall *hall, gconstpointer data)
 {
-    open_hall(hall, true, -1, UINT64_C(1) << 60);
+    open_hall(hall, true, -1, UINT64_C(1) << 60, 0);
 }
 
 void with_take_lacking_light_3(struct hall *hall, gconstpointer data)
 {
-    open_hall(hall, true, 3, 0);
+    open_hall(hall, true, 3, 0, 0);
 }
 
 void with_uncalibrated_take(struct hall *hall, gconstpointer data)
 {
-    open_hall(hall, false, -1, 0);
+    open_hall(hall, false, -1, 0, 0);
 }
 
 void leave(struct hall *hall, gconstpointer data)

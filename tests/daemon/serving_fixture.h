@@ -16,6 +16,7 @@ struct hall {
 };
 
 void with_take(struct hall *hall, gconstpointer data);
+void with_take_and_little_patience(struct hall *hall, gconstpointer data); /* for who stalls */
 void with_take_on_a_full_disk(struct hall *hall, gconstpointer data);
 void with_take_lacking_light_3(struct hall *hall, gconstpointer data);
 void with_uncalibrated_take(struct hall *hall, gconstpointer data);

@@ -244,7 +244,8 @@ int main(int argc, char **argv)
         a_picture_cut_short_under_the_mapping_is_named);
     g_test_add_func("/serving/a-bus-error-elsewhere-still-ends-the-process",
                     a_bus_error_elsewhere_still_ends_the_process);
-    ADD("a-stalled-client-holds-nobody-up", with_take, a_stalled_client_holds_nobody_up);
+    ADD("a-stalled-client-holds-nobody-up", with_take_and_little_patience,
+        a_stalled_client_holds_nobody_up);
     ADD("a-client-that-leaves-in-the-middle-frees-its-job", with_take,
         a_client_that_leaves_in_the_middle_frees_its_job);
     ADD("cancel-ends-a-fetch", with_take, cancel_ends_a_fetch);
