@@ -81,18 +81,20 @@ enum ls_err ls_exr_rows_begin(const struct ls_exr_rows_of *of, struct ls_exr_row
     if (of->n_channels != 1 && of->n_channels != 3)
         return ls_fail(diag, LS_ERR_INVALID, "OpenEXR: a picture of %u channels: expected 1 or 3",
                        of->n_channels);
+    if (of->width > LS_EXR_MAX_PX)
+        return ls_fail(diag, LS_ERR_INVALID, "OpenEXR: a picture %u px wide: expected at most %d",
+                       of->width, LS_EXR_MAX_PX);
     struct ls_exr_rows *rows = calloc(1, sizeof *rows);
     if (!rows)
         return ls_fail(diag, LS_ERR_NOMEM, "OpenEXR: no memory");
     rows->put = of->put;
     rows->user = of->user;
-    enum ls_err err = LS_OK;
-    if (of->width <= LS_EXR_MAX_PX)
-        rows->rows = calloc((size_t)LS_EXR_TILE_PX * of->width * of->n_channels + 1, sizeof(float));
-    describe(of, rows);
+    rows->rows = calloc((size_t)LS_EXR_TILE_PX * of->width * of->n_channels + 1, sizeof(float));
+    if (rows->rows)
+        describe(of, rows);
     rows->tile = malloc(LS_EXR_TILE_PX * LS_EXR_TILE_PX * ls_exr_part_pixel_bytes(&rows->part));
-    if (of->width <= LS_EXR_MAX_PX && (!rows->rows || !rows->tile))
-        err = ls_fail(diag, LS_ERR_NOMEM, "OpenEXR: no memory");
+    enum ls_err err =
+        rows->rows && rows->tile ? LS_OK : ls_fail(diag, LS_ERR_NOMEM, "OpenEXR: no memory");
     if (!err)
         err = ls_exr_part_check(&rows->part, 1, diag);
     if (!err)
