@@ -1,6 +1,7 @@
 #include "tests/bench/serving.h"
 
 #include "daemon/picture_map.h"
+#include "daemon/realtime.h"
 #include "proto/frame.h"
 #include "tests/bench/bench.h"
 #include "tests/bench/references.h"
@@ -124,6 +125,7 @@ struct iovec *serving_spans(const struct serving *s, size_t *n)
 
 void serving_make(struct serving *s, uint32_t n_lights, uint32_t side, unsigned clients)
 {
+    ls_give_way(); /* as who serves does: here clients share its processors */
     *s = (struct serving){.n_lights = n_lights, .side = side};
     stage_init(&s->stage);
     s->stage.limits.max_connections = clients;
