@@ -75,6 +75,9 @@ int ls_render_frames_make(const char *const *lights, uint32_t n, const struct ls
         frame->path = ls_name_numbered(output, frame->number);
         if (!frame->light || !frame->path)
             break;
+        if (strcmp(frame->light, frame->path) == 0)
+            return ls_command_wrong("--output %s is an environment: frames need another name",
+                                    frame->path);
     }
     bool whole = out->items && out->n == n_frames && out->items[n_frames - 1].path;
     return whole ? LS_EXIT_OK : (ls_command_wrong("out of memory"), LS_EXIT_INTERNAL);

@@ -181,6 +181,7 @@ def test_wrong_words_and_files_are_refused_with_what_to_do(folder):
             ("--rotate 5: expected degrees FROM,TO", (take, *good, "--rotate", "5")),
             ("--jobs 0: expected 1 to 16", (take, *good, "--jobs", "0")),
             ("--output FOLDER/NAME", (take, good[0])),
+            ("frames need another name", (take, good[0], "--output", good[0], *where)),
             ("absent.hdr", (take, rig.path("absent.hdr"), *good[1:])),
             ("No such file", (take, good[0], "--output", rig.path("no/one.exr"), *where)),
             ("20000101T000000Z-x-000000", ("20000101T000000Z-x-000000", *good)),
