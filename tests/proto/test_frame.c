@@ -122,6 +122,7 @@ static const struct damage damages[] = {
     {"version", 4, 2, LS_ERR_UNSUPPORTED},
     {"unknown flag", 11, 0x80, LS_ERR_INVALID},
     {"message length", 18, 2, LS_ERR_LIMIT}, /* 131072 + 11 */
+    {"message length just over", 18, 1, LS_ERR_LIMIT}, /* 65536 + 11 */
     {"reserved", 20, 1, LS_ERR_INVALID},
     {"payload length", 25, 0x10, LS_ERR_LIMIT}, /* 4096 + 70 */
     {"payload of 2^63 bytes", 31, 0x80, LS_ERR_LIMIT},
