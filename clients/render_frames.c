@@ -6,6 +6,7 @@
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/stat.h>
 
 static bool take_number(const char **at, uint32_t *out)
 {
@@ -58,6 +59,13 @@ static int check(const char *const *lights, uint32_t n, const struct ls_frame_ra
     return LS_EXIT_OK;
 }
 
+static bool is_same_file(const char *a, const char *b)
+{
+    struct stat of_a, of_b;
+    return !stat(a, &of_a) && !stat(b, &of_b) && of_a.st_dev == of_b.st_dev &&
+           of_a.st_ino == of_b.st_ino;
+}
+
 int ls_render_frames_make(const char *const *lights, uint32_t n, const struct ls_frame_range *range,
                           const double turn[2], const char *output, struct ls_render_frames *out)
 {
@@ -75,8 +83,8 @@ int ls_render_frames_make(const char *const *lights, uint32_t n, const struct ls
         frame->path = ls_name_numbered(output, frame->number);
         if (!frame->light || !frame->path)
             break;
-        if (strcmp(frame->light, frame->path) == 0)
-            return ls_command_wrong("--output %s is an environment: frames need another name",
+        if (is_same_file(frame->light, frame->path))
+            return ls_command_wrong("--output %s: that is the environment, which is kept",
                                     frame->path);
     }
     bool whole = out->items && out->n == n_frames && out->items[n_frames - 1].path;

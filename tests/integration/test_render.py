@@ -5,6 +5,7 @@ import os
 import signal
 import struct
 import subprocess
+import sys
 
 import numpy as np
 
@@ -16,6 +17,7 @@ RENDER = os.path.join(harness.BUILD, "clients", "lightstage-render")
 # the daemon that a folder is served by
 FOUND = {**os.environ, "PATH": os.path.join(harness.BUILD, "daemon") + ":" + os.environ["PATH"]}
 FRAMES = (2, 4, 6)
+EXAMPLE = os.path.join(harness.ROOT, "clients", "python", "examples", "relight.py")
 
 
 def serving(folder):
@@ -45,6 +47,9 @@ def test_a_daemon_without_a_rig_serves_takes_and_refuses_what_needs_one(folder):
     ask("take", "verify", take)
     assert take in ask("take", "list")
     assert "not connected" in ask("status")
+    subprocess.run([sys.executable, "-B", EXAMPLE, take, rig.path("example.png")], check=True, timeout=60,
+                   env={**os.environ, "LIGHTSTAGED_SOCKET": rig.path("serve"),
+                        "PYTHONPATH": os.path.join(harness.BUILD, "clients", "python")})
     plan = rig.path("plan.conf")
     for words in (("blank",), ("preflight", "--plan", plan), ("take", "start", "--name", "x", "--plan", plan),
                   ("take", "resume", take)):
@@ -116,6 +121,10 @@ def test_frames_are_those_of_relight_by_server_and_by_folder(folder):
 
     said = rendered(take, *sequence(rig, "served"), *server)
     assert counts(said) == told(kept=3), "whole frames are kept"
+    os.truncate(rig.path("served/relit.0004.exr"), len(before["relit.0004.exr"]) - 100)
+    said = rendered(take, *sequence(rig, "served"), *server)
+    assert counts(said) == told(made=1, kept=2), "half a frame is none"
+    assert files(rig, "served") == before
     sky(rig, 4, 44)
     said = rendered(take, *sequence(rig, "served"), *server)
     assert counts(said) == told(made=1, kept=2), "another light, another frame"
@@ -181,7 +190,7 @@ def test_wrong_words_and_files_are_refused_with_what_to_do(folder):
             ("--rotate 5: expected degrees FROM,TO", (take, *good, "--rotate", "5")),
             ("--jobs 0: expected 1 to 16", (take, *good, "--jobs", "0")),
             ("--output FOLDER/NAME", (take, good[0])),
-            ("frames need another name", (take, good[0], "--output", good[0], *where)),
+            ("the environment, which is kept", (take, good[0], "--output", good[0], *where)),
             ("absent.hdr", (take, rig.path("absent.hdr"), *good[1:])),
             ("No such file", (take, good[0], "--output", rig.path("no/one.exr"), *where)),
             ("20000101T000000Z-x-000000", ("20000101T000000Z-x-000000", *good)),
