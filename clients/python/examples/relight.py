@@ -4,11 +4,10 @@ import sys
 import lightstage
 import numpy as np
 
-take, picture = sys.argv[1:]
 with lightstage.connect() as stage:
-    about = stage.show(take)
+    about = stage.show(take := sys.argv[1])
     positions = np.array(about["rig"]["lights"]["position_m"])
-    x = positions[:, 0] / np.linalg.norm(positions, axis=1)
-    weights = 4 * np.pi / len(x) * np.clip(-x, 0, None)  # radiance x sr of each light
+    left = np.clip(-positions[:, 0] / np.linalg.norm(positions, axis=1), 0, None)
+    weights = 4 * np.pi / len(left) * left  # radiance x sr of each light
     relit = stage.relight(take, {"W": weights})
-lightstage.write_png(picture, relit.pixels @ np.array(about["calibration"]["M"]).T)
+lightstage.write_png(sys.argv[2], relit.pixels @ np.array(about["calibration"]["M"]).T)
