@@ -50,6 +50,7 @@ struct lightstage_band ls_library_band(const Lightstage__FetchReply *r,
         .gain = r->gain,
         .spectrum = r->spectrum ? r->spectrum->channel : NULL,
         .report = r->spectrum ? report : NULL,
+        .error_bound = r->error_bound,
     };
 }
 
@@ -116,6 +117,7 @@ uint32_t ls_library_fill_fetch(struct ls_library_fetch *out, const struct lights
     body->sample = (Lightstage__Sample)f.sample;
     body->camera = f.camera;
     body->level = f.level;
+    body->max_error = f.max_error;
     return 0;
 }
 

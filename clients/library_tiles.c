@@ -12,6 +12,12 @@ struct tiles_call {
     bool gives_back; /* credit, for what the callback has seen */
 };
 
+/* Else the caller has it, or it is left out. */
+static bool is_sent(const Lightstage__FetchReply *r, size_t i)
+{
+    return r->tile_hash[i] && !(r->n_tile_unchanged && r->tile_unchanged[i]);
+}
+
 static bool fits(const Lightstage__FetchReply *r, size_t tile_bytes, size_t payload_bytes)
 {
     size_t sent = 0;
@@ -22,7 +28,7 @@ static bool fits(const Lightstage__FetchReply *r, size_t tile_bytes, size_t payl
     for (size_t i = 0; i < r->n_tile; i++) {
         if (r->tile[i] >= across * down)
             return false;
-        sent += !(r->n_tile_unchanged && r->tile_unchanged[i]);
+        sent += is_sent(r, i);
     }
     if (r->memfd)
         return payload_bytes == 0 && r->memfd_bytes >= across * down * tile_bytes;
@@ -37,12 +43,12 @@ static int hand_tiles(const struct tiles_call *call, const Lightstage__FetchRepl
     const struct lightstage_band picture = ls_library_band(r, &report);
     int stop = 0;
     for (size_t i = 0; i < r->n_tile && !stop; i++) {
-        bool unchanged = r->n_tile_unchanged && r->tile_unchanged[i];
+        bool sent = is_sent(r, i);
         size_t at = r->memfd ? r->tile[i] * bytes : (size_t)*seen;
         const struct lightstage_tile tile = {
             .picture = &picture,
-            .values = unchanged ? NULL : from + at,
-            .values_bytes = unchanged ? 0 : bytes,
+            .values = sent ? from + at : NULL,
+            .values_bytes = sent ? bytes : 0,
             .index = r->first_tile + (uint32_t)i,
             .number = r->tile[i],
             .hash = r->tile_hash[i],

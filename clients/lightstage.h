@@ -554,8 +554,10 @@ struct lightstage_fetch {
     size_t n_spectra;
     uint64_t credit_bytes; /* of values that may come before lightstage_credit gives more; 0: not
                             * counted */
-    int memfd; /* tiles at a Unix socket: in memory that the daemon shares, uncopied; without
-                * credit_bytes the library gives back what a callback has seen */
+    int memfd;        /* tiles at a Unix socket: in memory that the daemon shares, uncopied; without
+                       * credit_bytes the library gives back what a callback has seen */
+    double max_error; /* of tiles: those of which no value (factored: nothing that they expand to)
+                       * is farther from 0 are left out; 0: none */
 };
 
 /** What a band of a factored fetch is of. */
@@ -589,6 +591,7 @@ struct lightstage_band {
     float gain;
     const char *spectrum;                     /* with a picture's first band; else NULL */
     const struct lightstage_spectrum *report; /* likewise */
+    double error_bound; /* with the last tiles of a fetch: of what was left out under max_error */
 };
 
 typedef int lightstage_on_band(const struct lightstage_band *band, void *user);
@@ -616,11 +619,12 @@ uint32_t lightstage_fetch(struct lightstage *stage, const struct lightstage_fetc
 /** 64 x 64 pixels of one picture: [64][64][components]; what is beyond the picture is 0. */
 struct lightstage_tile {
     const struct lightstage_band *picture; /* without values and rows */
-    const void *values;                    /* of any alignment; NULL: the caller has them */
+    const void *values; /* of any alignment; NULL: the caller has them, or (hash 0) it is left out
+                         * under max_error and is to be 0 */
     size_t values_bytes;
     uint32_t index;  /* through all pictures of the request: where to go on */
     uint32_t number; /* in its picture: y / 64 x ceil(width / 64) + x / 64 */
-    uint64_t hash;   /* of the values; never 0, the same at any time */
+    uint64_t hash;   /* of the values, the same at any time; 0: left out */
 };
 
 /** What a caller has of a request's tiles. */

@@ -1,5 +1,6 @@
 #include "daemon/condition_job.h"
 
+#include "core/half.h"
 #include "daemon/picture_map.h"
 #include "daemon/picture_region.h"
 #include "daemon/pixel_quality.h"
@@ -8,6 +9,7 @@
 #include "proto/frame.h"
 #include "proto/message.h"
 
+#include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -27,6 +29,7 @@ struct condition_job {
     uint32_t row;       /* next, in the region */
     struct ls_takedir *take;
     struct ls_take_facts *facts;
+    const struct ls_published *published; /* the current name's */
     struct ls_picture_map *map; /* of the current name, from its first frame to its last; counted,
                                    what is lent of it holds it too */
     struct ls_tiles tiles;
@@ -94,6 +97,7 @@ static enum ls_err open_picture(struct condition_job *self, struct ls_diag *diag
     err = ls_picture_region_check(&self->region, p->width, p->height, diag);
     if (err)
         return err;
+    self->published = p;
     self->map = g_atomic_rc_box_new0(struct ls_picture_map);
     return ls_picture_map_open(self->map, self->take->folder, p->file, p->width, p->height, diag);
 }
@@ -196,6 +200,12 @@ static enum ls_err next_tiles(struct condition_job *self, struct ls_chunk *chunk
     return ls_tiles_lend(&self->tiles, self->map, &holder, chunk, body, diag);
 }
 
+static double most_of(const void *user, uint32_t tile)
+{
+    const struct ls_published *p = ((const struct condition_job *)user)->published;
+    return tile < p->n_tiles ? (double)ls_half_to_float((uint16_t)p->tile_max[tile]) : INFINITY;
+}
+
 /* *any: some of the picture's tiles are asked for. */
 static enum ls_err begin_picture(struct condition_job *self, bool *any, struct ls_diag *diag)
 {
@@ -203,6 +213,7 @@ static enum ls_err begin_picture(struct condition_job *self, bool *any, struct l
     if (!err && self->tiles.wanted)
         err = ls_tiles_begin(&self->tiles, self->map->tiles.width, self->map->tiles.height,
                              self->half ? 2 : 4, &self->region, diag);
+    self->tiles.bounds = (struct ls_tiles_bounds){.most = most_of, .user = self};
     *any = !err && self->region.height > 0;
     if (!err && !*any) {
         next_picture(self);
@@ -230,6 +241,7 @@ static enum ls_err next_frame(struct condition_job *self, struct ls_chunk *chunk
     if (self->tiles.wanted ? ls_tiles_end(&self->tiles) : self->row == self->region.height)
         next_picture(self);
     *last = self->at == self->n_names;
+    body.error_bound = *last ? self->tiles.error_bound : 0;
     size_t lent = chunk->lent ? chunk->lent->n_bytes : 0;
     return ls_message_frame(LS_MESSAGE_FETCH | LS_MESSAGE_REPLY, self->job.request,
                             *last ? LS_FRAME_LAST : 0, &body.base, chunk->payload_bytes + lent,

@@ -16,6 +16,7 @@ static void fetch_destroy(struct ls_job *job)
     ls_tiles_finish(&self->tiles);
     ls_reduction_finish(&self->reduction);
     free(self->lights);
+    free(self->ratio_most);
     g_free(self);
 }
 

@@ -1,7 +1,8 @@
 /*
  * fetch_private: a fetch under way, seen by its parts: fetch_job.c (its life, frame by frame),
  * fetch_start.c (what the take has for it), fetch_light.c (what a light's picture is made of),
- * fetch_rows.c (its pixels, in rows), fetch_tiles.c (the same in tiles), fetch_reply.c (frames).
+ * fetch_rows.c (its pixels, in rows), fetch_tiles.c (the same in tiles), fetch_bounds.c (which of
+ * those may be left out), fetch_reply.c (frames).
  * Layer: daemon. Threads: the one that steps it; pixels of tiles by a crew. Ownership: fetch_job.h.
  */
 #ifndef LS_DAEMON_FETCH_PRIVATE_H
@@ -27,6 +28,8 @@ struct ls_fetch_job {
     struct ls_pixel_quality quality;
     struct ls_tiles tiles;
     const uint16_t *ratio_tiles; /* of promoted halves that are made tile by tile; or NULL */
+    uint16_t *ratio_most; /* with max_error: [maps][tiles], the largest |half| of each; or NULL */
+    double bounded_gain;  /* |gain| of the picture whose tiles are bounded */
     struct ls_reduction reduction;
     struct ls_factored factored;
     struct ls_demosaic_region asked, region, /* region: what is sent of the picture at hand, in its
@@ -116,6 +119,15 @@ LS_MUST_CHECK enum ls_err ls_fetch_next_tiles(struct ls_fetch_job *self,
                                               const struct ls_fetch_picture *picture,
                                               struct ls_chunk *chunk, bool *last,
                                               struct ls_diag *diag);
+
+/* ---- fetch_bounds.c ---- */
+
+/** Under a max_error, say of the picture's tiles, which have just begun, which may be left out.
+ * @by_pixel: its tiles are made one by one; before others are made, nothing is known of them.
+ * LS_ERR_NOMEM. */
+LS_MUST_CHECK enum ls_err ls_fetch_bound_tiles(struct ls_fetch_job *self,
+                                               const struct ls_fetch_picture *picture,
+                                               bool by_pixel, struct ls_diag *diag);
 
 /* ---- fetch_reply.c ---- */
 

@@ -50,6 +50,7 @@ enum ls_err ls_fetch_send(struct ls_fetch_job *self, Lightstage__FetchReply *bod
     }
     self->reported = true;
     *last = picture_ends && ls_fetch_next_picture(self);
+    body->error_bound = *last ? self->tiles.error_bound : 0;
     size_t lent = chunk->lent ? chunk->lent->n_bytes : 0;
     return ls_message_frame(LS_MESSAGE_FETCH | LS_MESSAGE_REPLY, self->job.request,
                             *last ? LS_FRAME_LAST : 0, &body->base, chunk->payload_bytes + lent,

@@ -70,13 +70,16 @@ static enum ls_err make_tiles(struct ls_fetch_job *self, const struct ls_fetch_p
 }
 
 /* False: the picture has none that are asked for. */
-static enum ls_err begin_tiles(struct ls_fetch_job *self, bool *any, struct ls_diag *diag)
+static enum ls_err begin_tiles(struct ls_fetch_job *self, const struct ls_fetch_picture *picture,
+                               bool *any, struct ls_diag *diag)
 {
     self->region = self->asked;
     enum ls_err err = ls_tiles_begin(
         &self->tiles, ls_level_size(self->source->width, self->reduction.level),
         ls_level_size(self->source->height, self->reduction.level),
         ls_fetch_components(self) * (self->half ? 2 : sizeof(float)), &self->region, diag);
+    if (!err)
+        err = ls_fetch_bound_tiles(self, picture, by_pixel(self), diag);
     *any = !err && self->region.height > 0;
     if (*any && by_pixel(self) && ls_fetch_is_promoted_as_halves(self))
         self->ratio_tiles = ls_field_maps_halves(self->source, self->way.map);
@@ -91,7 +94,7 @@ enum ls_err ls_fetch_next_tiles(struct ls_fetch_job *self, const struct ls_fetch
 {
     Lightstage__FetchReply body;
     bool there = true;
-    enum ls_err err = ls_tiles_end(&self->tiles) ? begin_tiles(self, &there, diag) : LS_OK;
+    enum ls_err err = ls_tiles_end(&self->tiles) ? begin_tiles(self, picture, &there, diag) : LS_OK;
     if (err || !there)
         return err;
     ls_fetch_describe(self, picture, self->region, &body);

@@ -1,5 +1,6 @@
 #include "daemon/tiles_private.h"
 
+#include <math.h>
 #include <stdlib.h>
 #include <string.h>
 #include <unistd.h>
@@ -15,11 +16,18 @@ enum ls_err ls_tiles_read(const Lightstage__Fetch *fetch, const uint8_t *payload
                           struct ls_stored_tiles *stored, struct ls_memfds *memfds,
                           struct ls_tiles *out, struct ls_diag *diag)
 {
-    *out = (struct ls_tiles){.wanted = fetch->tiles, .stored = stored, .first = fetch->first_tile};
+    *out = (struct ls_tiles){.wanted = fetch->tiles,
+                             .half = fetch->sample == LIGHTSTAGE__SAMPLE__HALF,
+                             .max_error = fetch->max_error,
+                             .stored = stored,
+                             .first = fetch->first_tile};
+    if (!(fetch->max_error >= 0) || !isfinite(fetch->max_error))
+        return ls_fail(diag, LS_ERR_INVALID, "fetch: max_error: expected 0 or more");
     if (!fetch->tiles)
-        return n > 0 || fetch->first_tile > 0 || fetch->memfd
+        return n > 0 || fetch->first_tile > 0 || fetch->memfd || fetch->max_error > 0
                    ? ls_fail(diag, LS_ERR_INVALID,
-                             "fetch: hashes, first_tile and memfd are of tiles; ask for tiles")
+                             "fetch: hashes, first_tile, memfd and max_error are of tiles; ask for "
+                             "tiles")
                    : LS_OK;
     if (fetch->memfd && !memfds)
         return ls_fail(diag, LS_ERR_UNSUPPORTED,
@@ -51,6 +59,7 @@ static void forget_picture(struct ls_tiles *tiles)
     free(tiles->hash);
     free(tiles->unchanged);
     free(tiles->rows);
+    free(tiles->off);
     if (tiles->has_fd)
         close(tiles->fd);
     tiles->has_fd = false;
@@ -58,6 +67,8 @@ static void forget_picture(struct ls_tiles *tiles)
     tiles->hash = NULL;
     tiles->unchanged = NULL;
     tiles->rows = NULL;
+    tiles->off = NULL;
+    tiles->bounds = (struct ls_tiles_bounds){0};
     tiles->n_rows = tiles->filled = 0;
 }
 
@@ -113,7 +124,9 @@ enum ls_err ls_tiles_begin(struct ls_tiles *tiles, uint32_t width, uint32_t heig
     tiles->number = calloc(n, sizeof *tiles->number);
     tiles->hash = calloc(n, sizeof *tiles->hash);
     tiles->unchanged = calloc(n, sizeof *tiles->unchanged);
-    if (!tiles->number || !tiles->hash || !tiles->unchanged)
+    tiles->off = tiles->max_error > 0 ? calloc(n, sizeof *tiles->off) : NULL;
+    if (!tiles->number || !tiles->hash || !tiles->unchanged ||
+        (tiles->max_error > 0 && !tiles->off))
         return ls_tiles_out_of_memory(diag);
     number_tiles(tiles);
     return LS_OK;
@@ -124,15 +137,20 @@ bool ls_tiles_end(const struct ls_tiles *tiles)
     return tiles->told == ls_tiles_count(tiles);
 }
 
-/* The next tile has this hash: does the client have it? */
+bool ls_tiles_is_sent(const struct ls_tiles *tiles, uint32_t i)
+{
+    return tiles->hash[i] && !tiles->unchanged[i];
+}
+
 bool ls_tiles_note(struct ls_tiles *tiles, uint64_t hash)
 {
-    uint64_t at = tiles->begun + tiles->next;
-    bool known = at < tiles->n_have && tiles->have[at] == hash;
-    tiles->hash[tiles->next] = hash;
-    tiles->unchanged[tiles->next] = known;
-    tiles->next++;
-    return known;
+    uint32_t i = tiles->next++;
+    uint64_t at = tiles->begun + i;
+    tiles->hash[i] = hash;
+    tiles->unchanged[i] = hash && at < tiles->n_have && tiles->have[at] == hash;
+    if (!hash)
+        tiles->error_bound = fmax(tiles->error_bound, tiles->off[i]);
+    return !ls_tiles_is_sent(tiles, i);
 }
 
 size_t ls_tiles_tile_bytes(const struct ls_tiles *tiles)
@@ -153,7 +171,8 @@ static enum ls_err pass_memfd(const struct ls_tiles *tiles, uint32_t n, struct l
     body->memfd = true;
     body->memfd_bytes = ls_tiles_count_whole(tiles) * ls_tiles_tile_bytes(tiles);
     for (uint32_t i = 0; i < n; i++)
-        chunk->handed_bytes += tiles->unchanged[tiles->told + i] ? 0 : ls_tiles_tile_bytes(tiles);
+        chunk->handed_bytes +=
+            ls_tiles_is_sent(tiles, tiles->told + i) ? ls_tiles_tile_bytes(tiles) : 0;
     return err;
 }
 

@@ -5,7 +5,8 @@
  * A tile is [64][64][components]; what lies beyond the picture is 0. It is told by its number in
  * the picture, row by row from the top left, and by the XXH3 hash, 64 bit, of its bytes (1 in place
  * of 0). Tiles of a request are counted from 0 through all of its pictures, of each those that its
- * region touches.
+ * region touches. Under a max_error, those of which no sample is farther from 0 do not come, and
+ * have the hash 0; what is no number counts as 0 there.
  */
 #ifndef LS_DAEMON_TILES_H
 #define LS_DAEMON_TILES_H
@@ -23,8 +24,19 @@
 #include <stddef.h>
 #include <stdint.h>
 
+/** What is known of the tiles of a picture beside their bytes; both are called by any thread. */
+struct ls_tiles_bounds {
+    /** No |sample| of tile @number is larger, told before it is made. NULL: nobody knows. */
+    double (*most)(const void *user, uint32_t number);
+    /** What the client is off by, if it lacks a tile whose largest |sample| is @most. NULL: @most.
+     */
+    double (*off)(const void *user, uint32_t number, double most);
+    const void *user;
+};
+
 struct ls_tiles {
-    bool wanted;
+    bool wanted, half;
+    double max_error, error_bound;  /* error_bound: of all that were left out so far */
     struct ls_stored_tiles *stored; /* the service's; NULL: nothing is kept */
     struct ls_memfds *memfds;       /* asked for; else NULL */
     uint64_t *have;                 /* [n_have] hashes of the request's tiles, 0 = none */
@@ -40,6 +52,8 @@ struct ls_tiles {
     uint32_t *number;    /* [n_x * n_y] */
     uint64_t *hash;
     protobuf_c_boolean *unchanged;
+    struct ls_tiles_bounds bounds; /* the job's, after begin; zeroed: nothing is known */
+    double *off;                   /* of those that are left out; NULL without max_error */
     bool has_fd;
     int fd;                  /* memfd of the picture; sealed once all of it is known */
     uint8_t *rows;           /* [n_rows][n_x] tiles, from the row of `next` on */
@@ -47,8 +61,9 @@ struct ls_tiles {
 };
 
 /** What @fetch asks for; its payload is @n bytes of hashes. Errors: LS_ERR_INVALID (half a hash,
- * hashes without tiles, a memfd without credit), LS_ERR_UNSUPPORTED (tiles with variance or
- * validity; a memfd, and @memfds is NULL), LS_ERR_NOMEM. @out: finish it. */
+ * hashes or max_error without tiles, a memfd without credit, a max_error that is none),
+ * LS_ERR_UNSUPPORTED (tiles with variance or validity; a memfd, and @memfds is NULL), LS_ERR_NOMEM.
+ * @out: finish it. */
 LS_MUST_CHECK enum ls_err ls_tiles_read(const Lightstage__Fetch *fetch, const uint8_t *payload,
                                         size_t n, struct ls_stored_tiles *stored,
                                         struct ls_memfds *memfds, struct ls_tiles *out,

@@ -29,23 +29,34 @@ static size_t count_edges(const struct ls_tiles *tiles, const struct ls_picture_
     return n;
 }
 
-/* Spans of what the client has not got, until they are enough. */
+/* Of the next tile, 0 if it is left out; it goes to @room, if it has to be looked at and is cut. */
+static uint64_t hash_of(struct ls_tiles *tiles, const struct ls_picture_map *map,
+                        struct ls_tile_hashes *hashes, uint8_t *room)
+{
+    uint32_t i = tiles->next, number = tiles->number[i];
+    bool judged = tiles->max_error == 0 || tiles->bounds.most;
+    if (ls_tiles_leaves_out(tiles, i))
+        return 0;
+    uint64_t hash = judged ? ls_tile_hashes_get(hashes, number) : 0;
+    if (hash)
+        return hash;
+    hash = ls_tiles_hash(tiles, i, ls_picture_map_tile(map, number, room));
+    if (hash && ls_picture_map_sound(map))
+        ls_tile_hashes_note(hashes, number, hash);
+    return hash;
+}
+
+/* Spans of what is sent, until they are enough. */
 static void fill(struct ls_tiles *tiles, const struct ls_picture_map *map,
                  struct ls_tile_hashes *hashes, uint32_t end, struct lent_tiles *self)
 {
     uint8_t *room = self->padded;
     while (tiles->next < end && self->lent.n_bytes < LENT_BYTES) {
         uint32_t number = tiles->number[tiles->next];
-        bool whole = ls_picture_map_tile_is_whole(map, number);
-        uint64_t hash = ls_tile_hashes_get(hashes, number);
-        const uint8_t *bytes = ls_picture_map_tile(map, number, room);
-        if (!hash)
-            hash = ls_tile_hash(bytes, ls_tiles_tile_bytes(tiles));
-        if (ls_picture_map_sound(map))
-            ls_tile_hashes_note(hashes, number, hash);
-        if (ls_tiles_note(tiles, hash))
+        if (ls_tiles_note(tiles, hash_of(tiles, map, hashes, room)))
             continue;
-        room += whole ? 0 : ls_tiles_tile_bytes(tiles);
+        const uint8_t *bytes = ls_picture_map_tile(map, number, room);
+        room += ls_picture_map_tile_is_whole(map, number) ? 0 : ls_tiles_tile_bytes(tiles);
         self->span[self->lent.n_spans++] =
             (struct iovec){(void *)bytes, ls_tiles_tile_bytes(tiles)};
         self->lent.n_bytes += ls_tiles_tile_bytes(tiles);
@@ -56,15 +67,8 @@ static void note_all(struct ls_tiles *tiles, const struct ls_picture_map *map,
                      struct ls_tile_hashes *hashes)
 {
     uint8_t room[2 * SIDE * SIDE];
-    while (tiles->next < ls_tiles_count(tiles)) {
-        uint32_t number = tiles->number[tiles->next];
-        uint64_t hash = ls_tile_hashes_get(hashes, number);
-        if (!hash)
-            hash = ls_tile_hash(ls_picture_map_tile(map, number, room), sizeof room);
-        if (ls_picture_map_sound(map))
-            ls_tile_hashes_note(hashes, number, hash);
-        ls_tiles_note(tiles, hash);
-    }
+    while (tiles->next < ls_tiles_count(tiles))
+        ls_tiles_note(tiles, hash_of(tiles, map, hashes, room));
 }
 
 static enum ls_err hand_over(struct ls_tiles *tiles, const struct ls_picture_map *map,

@@ -63,7 +63,7 @@ static uint8_t *close_up(struct ls_tiles *tiles, uint32_t n_rows, uint8_t *to)
     uint32_t end = (tiles->next / tiles->n_x + n_rows) * tiles->n_x;
     for (tile += tiles->next % tiles->n_x * ls_tiles_tile_bytes(tiles); tiles->next < end;
          tile += ls_tiles_tile_bytes(tiles)) {
-        if (ls_tiles_note(tiles, ls_tile_hash(tile, ls_tiles_tile_bytes(tiles))))
+        if (ls_tiles_note(tiles, ls_tiles_hash(tiles, tiles->next, tile)))
             continue;
         if (tile != to)
             memmove(to, tile, ls_tiles_tile_bytes(tiles));
@@ -82,7 +82,7 @@ static enum ls_err put_into_memfd(struct ls_tiles *tiles, uint32_t from, const u
                               diag);
     tiles->has_fd = !err;
     for (uint32_t i = from; i < tiles->next && !err; i++) {
-        if (tiles->unchanged[i])
+        if (!ls_tiles_is_sent(tiles, i))
             continue;
         err = ls_memfd_write(tiles->fd, tiles->number[i] * ls_tiles_tile_bytes(tiles), bytes,
                              ls_tiles_tile_bytes(tiles), diag);
@@ -158,14 +158,16 @@ static enum ls_err make_one(void *user, uint32_t item, unsigned thread, struct l
     struct ls_tiles *tiles = m->tiles;
     const struct ls_demosaic_region r = region_of(tiles, tiles->number[m->from + item]);
     uint8_t *tile = m->bytes + item * ls_tiles_tile_bytes(tiles);
+    if (ls_tiles_leaves_out(tiles, m->from + item))
+        return LS_OK;
     enum ls_err err = r.width == SIDE && r.height == SIDE ? m->make(m->user, r, tile, diag)
                                                           : make_part(m, r, tile, diag);
-    tiles->hash[m->from + item] = err ? 0 : ls_tile_hash(tile, ls_tiles_tile_bytes(tiles));
+    tiles->hash[m->from + item] = err ? 0 : ls_tiles_hash(tiles, m->from + item, tile);
     return err;
 }
 
-/* Those that the client has not got move up. Returns their bytes. */
-static size_t keep_unknown(struct ls_tiles *tiles, uint32_t n, uint8_t *bytes)
+/* Those that are sent move up. Returns their bytes. */
+static size_t keep_sent(struct ls_tiles *tiles, uint32_t n, uint8_t *bytes)
 {
     uint8_t *to = bytes;
     for (uint32_t i = 0; i < n; i++, bytes += ls_tiles_tile_bytes(tiles)) {
@@ -195,6 +197,6 @@ enum ls_err ls_tiles_make(struct ls_tiles *tiles, const struct ls_crew *crew, ls
     err = ls_crew_run(crew, n, make_one, &making, diag);
     if (err)
         return err;
-    chunk->payload_bytes = keep_unknown(tiles, n, making.bytes);
+    chunk->payload_bytes = keep_sent(tiles, n, making.bytes);
     return finish_made(tiles, making.from, chunk, body, there, diag);
 }

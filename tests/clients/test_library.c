@@ -5,6 +5,7 @@
 #include "tests/clients/ctl_fixture.h"
 #include "tests/daemon/take_fixture.h"
 
+#include <math.h>
 #include <poll.h>
 #include <signal.h>
 #include <stdio.h>
@@ -591,6 +592,60 @@ static void tiles_come_once_and_go_on_where_they_were_left(struct stage *stage, 
     made_take_free(take);
 }
 
+/* Of a tile that comes whole. */
+static double brightest(const struct lightstage_tile *tile)
+{
+    double most = 0;
+    for (size_t k = 0; k < tile->values_bytes / sizeof(float); k++)
+        most = fmax(most, fabs((double)((const float *)tile->values)[k]));
+    return most;
+}
+
+struct bounded {
+    double brightest[TILES], error_bound;
+    uint32_t n, n_out;
+    double max_error;
+};
+
+static int take_bounded(const struct lightstage_tile *tile, void *user)
+{
+    struct bounded *b = user;
+    bool out = tile->hash == 0;
+    if (b->max_error == 0)
+        b->brightest[tile->number] = brightest(tile);
+    g_assert_cmpint(out, ==, b->brightest[tile->number] <= b->max_error);
+    g_assert_cmpint(out, ==, tile->values == NULL);
+    b->error_bound = tile->picture->error_bound;
+    b->n_out += out;
+    b->n++;
+    return 0;
+}
+
+static void what_is_under_max_error_does_not_come(struct stage *stage, gconstpointer data)
+{
+    struct made_take *take = make_take(stage->storage, true, -1);
+    struct lightstage *client = connected(stage);
+    static const uint32_t light[] = {5};
+    struct lightstage_fetch fetch = stored(take);
+    struct bounded b = {.n = 0};
+    fetch.lights = light;
+    fetch.n_lights = 1;
+    g_assert_true(lightstage_can(client, "max_error"));
+    g_assert_cmpuint(lightstage_fetch_tiles(client, &fetch, NULL, take_bounded, &b, NULL), ==, 0);
+    g_assert_cmpuint(b.n, ==, TILES);
+    g_assert_cmpfloat(b.error_bound, ==, 0);
+    fetch.max_error = b.max_error = b.brightest[4];
+    g_assert_cmpuint(lightstage_fetch_tiles(client, &fetch, NULL, take_bounded, &b, NULL), ==, 0);
+    g_assert_cmpuint(b.n, ==, 2 * TILES);
+    g_assert_cmpuint(b.n_out, >, 0);
+    g_assert_cmpfloat(b.error_bound, ==, b.brightest[4]);
+    fetch.max_error = -1;
+    g_assert_cmpuint(lightstage_fetch_tiles(client, &fetch, NULL, take_bounded, &b, NULL), ==,
+                     LIGHTSTAGE_BAD_ARGUMENT);
+    lightstage_close(client);
+    made_take_free(take);
+}
+
 struct heard {
     uint32_t progress, pictures, alarms;
     enum lightstage_take_state state;
@@ -836,6 +891,7 @@ int main(int argc, char **argv)
                 a_factored_fetch_expands_to_what_the_daemon_sends);
     ADD_LIBRARY("tiles-come-once-and-go-on-where-they-were-left",
                 tiles_come_once_and_go_on_where_they_were_left);
+    ADD_LIBRARY("what-is-under-max-error-does-not-come", what_is_under_max_error_does_not_come);
     ADD_LIBRARY("what-happens-is-told", what_happens_is_told);
     ADD_LIBRARY("a-camera-is-looked-through", a_camera_is_looked_through);
     ADD_LIBRARY("a-signal-that-is-blocked-stays-so", a_signal_that_is_blocked_stays_so);

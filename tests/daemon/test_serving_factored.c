@@ -181,6 +181,90 @@ static void white_itself_is_within_two_roundings(struct room *room, gconstpointe
     finish(whole, 2);
 }
 
+struct bounded {
+    GByteArray *bytes; /* of all pictures; of what stays away, 0 */
+    double gain[MOST], error_bound;
+    uint32_t n_away;
+};
+
+static void keep_tiles(struct bounded *b, const struct ls_reply *reply)
+{
+    enum { BYTES = 64 * 64 * 3 * 2 };
+    const Lightstage__FetchReply *body = (const Lightstage__FetchReply *)reply->message;
+    const uint8_t *at = reply->payload;
+    g_autofree uint8_t *none = g_malloc0(BYTES);
+    for (size_t i = 0; i < body->n_tile; i++) {
+        bool away = body->tile_hash[i] == 0;
+        g_byte_array_append(b->bytes, away ? none : at, BYTES);
+        at += away ? 0 : BYTES;
+        b->n_away += away;
+        g_assert_false(away && body->factor == LIGHTSTAGE__FACTOR__RATIO);
+    }
+    g_assert_true(at == reply->payload + reply->payload_bytes);
+    b->error_bound = body->error_bound;
+}
+
+static void in_tiles(struct room *room, Lightstage__Fetch fetch, struct bounded *b)
+{
+    uint32_t request = 0, n = 0;
+    *b = (struct bounded){.bytes = g_byte_array_new()};
+    fetch.tiles = true;
+    g_assert_cmpint(
+        ls_connection_send(room->client, LS_MESSAGE_FETCH, &fetch.base, NULL, 0, &request, NULL),
+        ==, LS_OK);
+    for (bool last = false; !last;) {
+        struct ls_reply reply;
+        g_assert_cmpint(ls_connection_receive(room->client, request, &reply, NULL), ==, LS_OK);
+        const Lightstage__FetchReply *body = (const Lightstage__FetchReply *)reply.message;
+        if (body->spectrum)
+            b->gain[n++] = (double)body->gain;
+        keep_tiles(b, &reply);
+        last = reply.last;
+        ls_reply_finish(&reply);
+    }
+}
+
+/* What a client makes of it, under the ratio or (NULL) alone, against what it makes of all. */
+static double farthest(const struct bounded *some, const struct bounded *all, bool promoted)
+{
+    size_t n = all->bytes->len / 2 / 3; /* samples of a picture: R's ratio, then two lights */
+    g_autofree uint16_t *a = g_new(uint16_t, n), *b = g_new(uint16_t, n);
+    const uint16_t *s = (const uint16_t *)(const void *)some->bytes->data,
+                   *w = (const uint16_t *)(const void *)all->bytes->data;
+    double worst = 0;
+    for (size_t i = 1; i < 3; i++) {
+        g_assert_cmpuint(
+            ls_factored_expand(s + i * n, (float)some->gain[i], promoted ? s : NULL, n, a), ==, 0);
+        g_assert_cmpuint(
+            ls_factored_expand(w + i * n, (float)all->gain[i], promoted ? w : NULL, n, b), ==, 0);
+        for (size_t j = 0; j < n; j++)
+            worst = fmax(worst, fabs((double)(ls_half_to_float(a[j]) - ls_half_to_float(b[j]))));
+    }
+    return worst;
+}
+
+/* Of white too: it is expanded by 1. */
+static void a_bound_is_of_what_the_client_makes(struct room *room, gconstpointer data)
+{
+    struct bounded all, some;
+    uint32_t most_away = 0;
+    in_tiles(room, room->fetch, &all);
+    g_assert_cmpuint(all.n_away, ==, 0);
+    for (int k = -20; k < 10; k++) {
+        room->fetch.max_error = ldexp(1, k);
+        in_tiles(room, room->fetch, &some);
+        g_assert_cmpuint(some.bytes->len, ==, all.bytes->len);
+        double worst = fmax(farthest(&some, &all, true), farthest(&some, &all, false));
+        g_assert_cmpfloat(worst, <=, some.error_bound);
+        g_assert_cmpfloat(some.error_bound, <=, room->fetch.max_error);
+        g_assert_cmpuint(some.n_away, >=, most_away);
+        most_away = some.n_away;
+        g_byte_array_unref(some.bytes);
+    }
+    g_assert_cmpuint(most_away, ==, 2 * 9); /* every tile of the lights */
+    g_byte_array_unref(all.bytes);
+}
+
 /* What the wire carries: 2 lights and 5 ratios in place of 10 pictures. */
 static void a_ratio_comes_once_for_all_lights(struct room *room, gconstpointer data)
 {
@@ -257,6 +341,7 @@ int main(int argc, char **argv)
     ADD("a-client-expands-what-the-daemon-says", NULL, a_client_expands_what_the_daemon_says);
     ADD("a-client-expands-what-a-mono-camera-saw", &mono, a_client_expands_what_the_daemon_says);
     ADD("white-itself-is-within-two-roundings", NULL, white_itself_is_within_two_roundings);
+    ADD("a-bound-is-of-what-the-client-makes", NULL, a_bound_is_of_what_the_client_makes);
     ADD("a-ratio-comes-once-for-all-lights", NULL, a_ratio_comes_once_for_all_lights);
     ADD("what-is-no-product-is-refused", NULL, what_is_no_product_is_refused);
     ADD("a-light-of-several-pictures-is-refused", &rows, a_light_of_several_pictures_is_refused);

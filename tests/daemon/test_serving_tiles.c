@@ -2,86 +2,10 @@
  * is sent that the client has. */
 #include "core/half.h"
 #include "proto/errors.h"
-#include "tests/daemon/serving_fixture.h"
+#include "tests/daemon/fetched_tiles.h"
 
 #include <string.h>
 #include <xxhash.h>
-
-enum { SIDE = 64, ACROSS = 3, DOWN = 3, TILES = ACROSS * DOWN };
-
-/* What came of some pictures. */
-struct tiles {
-    GArray *number, *hash, *unchanged; /* uint32_t, uint64_t, uint32_t */
-    GByteArray *bytes;                 /* of those that were sent */
-    uint32_t first, pictures;          /* of the first frame; with a report */
-    uint32_t refused;
-};
-
-static void finish(struct tiles *t)
-{
-    g_array_unref(t->number);
-    g_array_unref(t->hash);
-    g_array_unref(t->unchanged);
-    g_byte_array_unref(t->bytes);
-}
-
-static void note_frame(struct tiles *t, const struct ls_reply *reply)
-{
-    const Lightstage__FetchReply *body = (const Lightstage__FetchReply *)reply->message;
-    g_assert_cmpuint(body->width, ==, TAKE_W);
-    g_assert_cmpuint(body->height, ==, TAKE_H);
-    g_assert_cmpuint(body->n_rows, ==, 0);
-    g_assert_cmpuint(body->n_tile, >, 0);
-    g_assert_cmpuint(body->n_tile_hash, ==, body->n_tile);
-    g_assert_true(body->n_tile_unchanged == 0 || body->n_tile_unchanged == body->n_tile);
-    if (t->number->len == 0)
-        t->first = body->first_tile;
-    g_assert_cmpuint(body->first_tile, ==, t->first + t->number->len);
-    t->pictures += body->spectrum != NULL;
-    g_array_append_vals(t->number, body->tile, (guint)body->n_tile);
-    g_array_append_vals(t->hash, body->tile_hash, (guint)body->n_tile);
-    for (size_t i = 0; i < body->n_tile; i++) {
-        uint32_t unchanged = body->n_tile_unchanged && body->tile_unchanged[i];
-        g_array_append_val(t->unchanged, unchanged);
-    }
-    if (reply->payload_bytes)
-        g_byte_array_append(t->bytes, reply->payload, (guint)reply->payload_bytes);
-}
-
-static void fetch_tiles(struct hall *hall, Lightstage__Fetch *fetch, const uint64_t *have, size_t n,
-                        struct tiles *t)
-{
-    *t = (struct tiles){.number = g_array_new(FALSE, FALSE, 4),
-                        .hash = g_array_new(FALSE, FALSE, 8),
-                        .unchanged = g_array_new(FALSE, FALSE, 4),
-                        .bytes = g_byte_array_new()};
-    fetch->tiles = true;
-    uint32_t request = send_request(hall, LS_MESSAGE_FETCH, &fetch->base, have, n * sizeof *have);
-    for (bool last = false; !last;) {
-        struct ls_reply reply;
-        struct ls_diag diag = {0};
-        if (ls_connection_receive(hall->client, request, &reply, &diag)) {
-            g_test_message("refused: %s", diag.text);
-            t->refused = ls_connection_error(hall->client);
-            break;
-        }
-        note_frame(t, &reply);
-        last = reply.last;
-        ls_reply_finish(&reply);
-    }
-    fetch->tiles = false;
-}
-
-/* Tile @number of a whole picture, as it has to be. g_free. */
-static uint8_t *cut(const uint8_t *picture, uint32_t number, size_t pixel)
-{
-    uint8_t *tile = g_malloc0(SIDE * SIDE * pixel);
-    uint32_t x = number % ACROSS * SIDE, y = number / ACROSS * SIDE;
-    uint32_t w = MIN(SIDE, TAKE_W - x), h = MIN(SIDE, TAKE_H - y);
-    for (uint32_t r = 0; r < h; r++)
-        memcpy(tile + r * SIDE * pixel, picture + ((y + r) * TAKE_W + x) * pixel, w * pixel);
-    return tile;
-}
 
 /* All that were sent, picture after picture, are those of @whole. */
 static void assert_cut_from(const struct tiles *t, const GByteArray *whole, size_t pixel,
@@ -90,7 +14,7 @@ static void assert_cut_from(const struct tiles *t, const GByteArray *whole, size
     size_t at = 0, tile = SIDE * SIDE * pixel;
     for (uint32_t i = 0; i < t->number->len; i++) {
         const uint8_t *picture = whole->data + (t->first + i) / per_picture * TAKE_PIXELS * pixel;
-        uint8_t *expected = cut(picture, g_array_index(t->number, uint32_t, i), pixel);
+        uint8_t *expected = cut_tile(picture, g_array_index(t->number, uint32_t, i), pixel);
         g_assert_cmphex(g_array_index(t->hash, uint64_t, i), ==, XXH3_64bits(expected, tile));
         if (!g_array_index(t->unchanged, uint32_t, i)) {
             g_assert_cmpmem(t->bytes->data + at, tile, expected, tile);
@@ -103,56 +27,10 @@ static void assert_cut_from(const struct tiles *t, const GByteArray *whole, size
 
 /* ---- whatever is asked for ---- */
 
-static const struct way {
-    const char *channel;
-    Lightstage__Model model;
-    Lightstage__Layout layout;
-    Lightstage__Quantity quantity;
-    Lightstage__Sample sample;
-    bool full_sphere;
-} ways[] = {
-    {"W", LIGHTSTAGE__MODEL__MEASURED, LIGHTSTAGE__LAYOUT__MOSAIC, LIGHTSTAGE__QUANTITY__ESTIMATE,
-     LIGHTSTAGE__SAMPLE__HALF, false},
-    {"W", LIGHTSTAGE__MODEL__MEASURED, LIGHTSTAGE__LAYOUT__MOSAIC, LIGHTSTAGE__QUANTITY__ESTIMATE,
-     LIGHTSTAGE__SAMPLE__FLOAT, false},
-    {"W", LIGHTSTAGE__MODEL__MEASURED, LIGHTSTAGE__LAYOUT__MOSAIC,
-     LIGHTSTAGE__QUANTITY__REFLECTANCE, LIGHTSTAGE__SAMPLE__HALF, false},
-    {"R", LIGHTSTAGE__MODEL__MEASURED, LIGHTSTAGE__LAYOUT__MOSAIC, LIGHTSTAGE__QUANTITY__ESTIMATE,
-     LIGHTSTAGE__SAMPLE__HALF, true},
-    {"W", LIGHTSTAGE__MODEL__MEASURED, LIGHTSTAGE__LAYOUT__RGB, LIGHTSTAGE__QUANTITY__ESTIMATE,
-     LIGHTSTAGE__SAMPLE__HALF, false},
-    {"W", LIGHTSTAGE__MODEL__MEASURED, LIGHTSTAGE__LAYOUT__RGB, LIGHTSTAGE__QUANTITY__REFLECTANCE,
-     LIGHTSTAGE__SAMPLE__FLOAT, false},
-    {"R", LIGHTSTAGE__MODEL__SPHERE, LIGHTSTAGE__LAYOUT__RGB, LIGHTSTAGE__QUANTITY__REFLECTANCE,
-     LIGHTSTAGE__SAMPLE__HALF, false},
-    {"R", LIGHTSTAGE__MODEL__SPHERE, LIGHTSTAGE__LAYOUT__RGB, LIGHTSTAGE__QUANTITY__REFLECTANCE,
-     LIGHTSTAGE__SAMPLE__FLOAT, false},
-};
-
-static void ask_for(Lightstage__Fetch *fetch, const struct hall *hall, const struct way *way,
-                    uint32_t *lights)
-{
-    a_fetch(fetch, hall);
-    fetch->channel = (char *)way->channel;
-    fetch->model = way->model;
-    fetch->layout = way->layout;
-    fetch->quantity = way->quantity;
-    fetch->sample = way->sample;
-    fetch->full_sphere = way->full_sphere;
-    fetch->lights = lights;
-    fetch->n_lights = way->full_sphere ? 0 : 2;
-}
-
-static size_t pixel_of(const struct way *way)
-{
-    return (way->layout == LIGHTSTAGE__LAYOUT__RGB ? 3 : 1) *
-           (way->sample == LIGHTSTAGE__SAMPLE__HALF ? 2 : 4);
-}
-
 static void tiles_are_cut_from_the_rows(struct hall *hall, gconstpointer data)
 {
     uint32_t lights[2] = {6, 1}, number;
-    for (size_t i = 0; i < G_N_ELEMENTS(ways); i++) {
+    for (size_t i = 0; i < N_WAYS; i++) {
         Lightstage__Fetch fetch;
         struct tiles t;
         ask_for(&fetch, hall, &ways[i], lights);
@@ -164,7 +42,7 @@ static void tiles_are_cut_from_the_rows(struct hall *hall, gconstpointer data)
         g_assert_cmpuint(t.pictures, ==, ways[i].full_sphere ? 0 : 2);
         g_assert_cmpuint(t.number->len, ==, pictures * TILES);
         assert_cut_from(&t, whole, pixel_of(&ways[i]), TILES);
-        finish(&t);
+        tiles_finish(&t);
         g_byte_array_unref(whole);
     }
 }
@@ -176,7 +54,7 @@ static void a_region_brings_every_tile_it_touches(struct hall *hall, gconstpoint
     uint32_t lights[2] = {6, 1}, number;
     Lightstage__Region region = LIGHTSTAGE__REGION__INIT;
     region.x = 70, region.y = 10, region.width = 60, region.height = 54;
-    for (size_t i = 0; i < G_N_ELEMENTS(ways); i++) {
+    for (size_t i = 0; i < N_WAYS; i++) {
         Lightstage__Fetch fetch;
         struct tiles t;
         ask_for(&fetch, hall, &ways[i], lights);
@@ -187,7 +65,7 @@ static void a_region_brings_every_tile_it_touches(struct hall *hall, gconstpoint
         g_assert_cmpmem(t.number->data, t.number->len * 4, expected,
                         ways[i].full_sphere ? 8 : sizeof expected);
         assert_cut_from(&t, whole, pixel_of(&ways[i]), 2);
-        finish(&t);
+        tiles_finish(&t);
         g_byte_array_unref(whole);
     }
 }
@@ -196,7 +74,7 @@ static void a_fetch_goes_on_where_it_was_cut(struct hall *hall, gconstpointer da
 {
     static const uint32_t firsts[] = {1, 4, 8, 9, 13, 17};
     uint32_t lights[2] = {6, 1}, number;
-    for (size_t i = 0; i < G_N_ELEMENTS(ways); i++) {
+    for (size_t i = 0; i < N_WAYS; i++) {
         Lightstage__Fetch fetch;
         struct tiles t;
         ask_for(&fetch, hall, &ways[i], lights);
@@ -209,12 +87,12 @@ static void a_fetch_goes_on_where_it_was_cut(struct hall *hall, gconstpointer da
             g_assert_cmpuint(t.first, ==, firsts[k]);
             g_assert_cmpuint(t.number->len, ==, n - firsts[k]);
             assert_cut_from(&t, whole, pixel_of(&ways[i]), TILES);
-            finish(&t);
+            tiles_finish(&t);
         }
         fetch.first_tile = n;
         fetch_tiles(hall, &fetch, NULL, 0, &t);
         g_assert_cmpuint(t.refused, ==, LS_PROTO_OVER_LIMIT);
-        finish(&t);
+        tiles_finish(&t);
         g_byte_array_unref(whole);
     }
 }
@@ -222,7 +100,7 @@ static void a_fetch_goes_on_where_it_was_cut(struct hall *hall, gconstpointer da
 static void what_the_client_has_is_listed_and_not_sent(struct hall *hall, gconstpointer data)
 {
     uint32_t lights[2] = {6, 1}, number;
-    for (size_t i = 0; i < G_N_ELEMENTS(ways); i++) {
+    for (size_t i = 0; i < N_WAYS; i++) {
         Lightstage__Fetch fetch;
         struct tiles all, some;
         ask_for(&fetch, hall, &ways[i], lights);
@@ -232,7 +110,7 @@ static void what_the_client_has_is_listed_and_not_sent(struct hall *hall, gconst
         fetch_tiles(hall, &fetch, have, all.hash->len, &some);
         g_assert_cmpuint(some.bytes->len, ==, 0);
         g_assert_cmpmem(some.hash->data, some.hash->len * 8, all.hash->data, all.hash->len * 8);
-        finish(&some);
+        tiles_finish(&some);
         have[4] ^= 1;
         have[5] = 0;
         fetch_tiles(hall, &fetch, have, 7, &some); /* and nothing is known of the rest */
@@ -240,8 +118,8 @@ static void what_the_client_has_is_listed_and_not_sent(struct hall *hall, gconst
             g_assert_cmpuint(g_array_index(some.unchanged, uint32_t, k), ==,
                              k < 7 && k != 4 && k != 5);
         assert_cut_from(&some, whole, pixel_of(&ways[i]), TILES);
-        finish(&some);
-        finish(&all);
+        tiles_finish(&some);
+        tiles_finish(&all);
         g_free(have);
         g_byte_array_unref(whole);
     }
@@ -261,7 +139,7 @@ static void stored_tiles_are_the_merge_s_own_halves(struct hall *hall, gconstpoi
     fetch.n_lights = 1;
     fetch_tiles(hall, &fetch, NULL, 0, &t);
     assert_cut_from(&t, halfs, 2, TILES);
-    finish(&t);
+    tiles_finish(&t);
     g_byte_array_unref(halfs);
 }
 
@@ -283,7 +161,7 @@ static void conditions_come_in_tiles_too(struct hall *hall, gconstpointer data)
         g_assert_cmpuint(t.refused, ==, 0);
         g_assert_cmpuint(t.number->len, ==, 2 * TILES - 5);
         assert_cut_from(&t, whole, half ? 2 : 4, TILES);
-        finish(&t);
+        tiles_finish(&t);
         g_byte_array_unref(whole);
     }
 }
@@ -299,7 +177,7 @@ static void what_goes_with_rows_is_refused(struct hall *hall, gconstpointer data
     fetch.validity = true;
     fetch_tiles(hall, &fetch, NULL, 0, &t);
     g_assert_cmpuint(t.refused, ==, LS_PROTO_UNSUPPORTED);
-    finish(&t);
+    tiles_finish(&t);
     fetch.validity = false;
     uint32_t request = send_request(hall, LS_MESSAGE_FETCH, &fetch.base, &have, sizeof have), n;
     g_byte_array_unref(receive_all(hall, request, &n));

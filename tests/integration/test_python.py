@@ -114,6 +114,29 @@ def tiles_come_once_and_again_only_if_they_have_changed(rig, stage, take):
     assert len(os.listdir("/proc/self/fd")) == open_fds, "descriptors are left open"
 
 
+def what_is_under_max_error_does_not_come(stage, take):
+    for asked in ({"channel": "W", "dtype": "float16", "quantity": "estimate"},
+                  {"channel": "R", "model": "sphere", "layout": "rgb", "dtype": "float16"},
+                  {"channel": "R", "model": "sphere", "layout": "rgb", "region": (70, 10, 50, 100)}):
+        exact, some = lightstage.Tiles(), lightstage.Tiles()
+        stage.fetch_tiles(exact, take, **asked)
+        bright = np.abs(exact.pixels.astype(np.float32)).max(axis=(3, 4, 5))
+        bound = float(np.median(bright))
+        for _ in range(2):  # the second time nothing is new
+            stage.fetch_tiles(some, take, max_error=bound, **asked)
+            assert np.array_equal(some.left_out, bright <= bound) and some.left_out.any(), asked
+            assert bright[some.left_out].max() <= some.error_bound <= bound
+            assert np.abs(some.pixels.astype(np.float32) - exact.pixels).max() <= some.error_bound
+            assert np.array_equal(some.hashes, np.where(some.left_out, 0, exact.hashes))
+            assert some.missing == some.hashes.size
+        assert some.received == 0 and some.lights == exact.lights
+        for k, shared in enumerate(stage.shared(take, max_error=bound, **asked)):
+            assert np.abs(shared.picture().astype(np.float32) - exact.picture(k)).max() <= bound
+        stage.fetch_tiles(some, take, **asked)  # and all of it after all
+        assert np.array_equal(some.pixels, exact.pixels) and not some.left_out.any()
+        assert some.received == (bright <= bound).sum() and some.error_bound == 0
+
+
 def a_factored_fetch_expands_to_what_the_daemon_sends_as_halves(rig, stage, take):
     how = {"region": (3, 7, 111, 90), "model": "sphere"}
     factored = stage.fetch_factored(take, ["R", "B"], lights=[2, 0, 7], **how)
@@ -290,6 +313,7 @@ def test_what_is_fetched_and_relit_is_that_of_lightstagectl_to_the_bit(folder):
     with_take = photographed(folder)
     pictures_are_those_of_lightstagectl(*with_take)
     tiles_come_once_and_again_only_if_they_have_changed(*with_take)
+    what_is_under_max_error_does_not_come(*with_take[1:])
     a_factored_fetch_expands_to_what_the_daemon_sends_as_halves(*with_take)
     relit_pictures_are_those_of_lightstagectl(*with_take)
     with_take[1].close()

@@ -109,13 +109,17 @@ class Request:
             self.connection.tell(CANCEL, messages.Cancel(request=self.number))
 
 
+def tiles_sent(message: Any) -> int:
+    """Of those that an answer lists: not what the client has, nor what is left out (hash 0)."""
+    return len(message.tile) - sum(message.tile_unchanged) - list(message.tile_hash).count(0)
+
+
 def weight(message: Any, payload_bytes: int) -> int:
     """Of an answer, as credit counts: its payload, or the tiles that it hands over."""
     if not getattr(message, "memfd", False):
         return payload_bytes
     value = 2 if message.sample == messages.HALF else 4
-    sent = len(message.tile) - sum(message.tile_unchanged)
-    return int(sent * 64 * 64 * message.components * value)
+    return int(tiles_sent(message) * 64 * 64 * message.components * value)
 
 
 def close_all(fds: List[int]) -> None:

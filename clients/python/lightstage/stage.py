@@ -256,12 +256,14 @@ class Stage:
     def fetch_tiles(self, tiles: Tiles, take: str, channel: str = "", *,
                     lights: Optional[Iterable[int]] = None, region: Optional[Sequence[int]] = None,
                     model: Any = "measured", layout: Any = "mosaic", quantity: Any = "reflectance",
-                    dtype: Any = np.float32, resume: bool = False, **others: Any) -> None:
+                    dtype: Any = np.float32, resume: bool = False, max_error: float = 0,
+                    **others: Any) -> None:
         """Fill `tiles` with pictures as fetch() has them. What it holds already, from the same request
         before, comes again only where it has changed. `resume`: go on where a call ended early,
-        after a lost connection, and do not look at what is there."""
+        after a lost connection, and do not look at what is there. `max_error`: tiles of which no value
+        is farther from 0 are left out, and are 0."""
         ask = self._fetch(take, channel, light_numbers(lights), region, model, layout, quantity,
-                          dtype, tiles=True, **others)
+                          dtype, tiles=True, max_error=max_error, **others)
         n = len(tiles.pixels) or self._most(ask)
         hashes = tiles.hashes.reshape(-1)[:self.hello.max_payload_bytes // 8]
         if resume:

@@ -8,6 +8,7 @@ import numpy as np
 
 from . import lightstage_pb2 as messages
 from .arrays import Array, place_in, room
+from .connection import tiles_sent
 from .errors import Error
 from .field import dtype_of
 
@@ -42,13 +43,15 @@ class Tiles:
     """Pictures in tiles, empty at first; Stage.fetch_tiles fills it, and refreshes it.
 
     `pixels`: [n][n_y][n_x][64][64][components], those that the region touches, 0 beyond the picture.
-    `hashes`: uint64 [n][n_y][n_x], of their bytes; 0: not there yet. `lights`: of the pictures."""
+    `hashes`: uint64 [n][n_y][n_x], of their bytes; 0: not there yet, or `left_out` [n][n_y][n_x]:
+    under max_error, all 0. `lights`: of the pictures. `error_bound`: of what the last call left out."""
 
     def __init__(self) -> None:
         self.lights: List[int] = []
         self.pixels: Array = np.empty((0, 0, 0, SIDE, SIDE, 1), "<f4")
         self.hashes: Array = np.zeros((0, 0, 0), "<u8")
-        self.received = 0  # tiles, by the last call
+        self.left_out: Array = np.zeros((0, 0, 0), bool)
+        self.received, self.error_bound = 0, 0.0  # tiles, by the last call
         self._grid: Optional[Grid] = None
 
     def picture(self, k: int) -> Array:
@@ -59,7 +62,7 @@ class Tiles:
     @property
     def missing(self) -> int:
         """The first tile, through all pictures, that is not there; their number: all are."""
-        lacking = np.flatnonzero(self.hashes.reshape(-1) == 0)
+        lacking = np.flatnonzero((self.hashes == 0) & ~self.left_out)
         return int(lacking[0]) if len(lacking) else self.hashes.size
 
     def _begin(self, ask: messages.Fetch, reply: messages.FetchReply, n: int) -> None:
@@ -68,6 +71,7 @@ class Tiles:
         whole = (*shape, SIDE, SIDE, reply.components)
         if self._grid is None:
             self.pixels, self.hashes = room(None, whole, dtype_of(reply)), np.zeros(shape, "<u8")
+            self.left_out = np.zeros(shape, bool)
         elif self.pixels.shape[1:] != whole[1:] or self.pixels.dtype != dtype_of(reply) \
                 or self._grid.__dict__ != grid.__dict__ or len(self.pixels) != n:
             raise ValueError("these are the tiles of another request")
@@ -75,16 +79,18 @@ class Tiles:
 
     def fill(self, request: Any) -> None:
         """From a request's answers, whose payloads went to what room() said."""
-        self.received = 0
+        self.received, self.error_bound = 0, 0.0
         for answer in request:
             reply = answer.message
             first = reply.first_tile
             span = slice(first, first + len(reply.tile))
             self.hashes.reshape(-1)[span] = reply.tile_hash
-            self.received += len(reply.tile) - sum(reply.tile_unchanged)
+            self.received += tiles_sent(reply)
+            self.error_bound = reply.error_bound
             picture = first // (self.hashes[0].size)
             self.lights[picture:picture + 1] = [reply.light]
-        self.pixels, self.hashes = self.pixels[:len(self.lights)], self.hashes[:len(self.lights)]
+        n = len(self.lights)
+        self.pixels, self.hashes, self.left_out = self.pixels[:n], self.hashes[:n], self.left_out[:n]
 
     def room(self, ask: messages.Fetch, n: int, reply: messages.FetchReply) -> List[memoryview]:
         self._begin(ask, reply, n)
@@ -93,6 +99,10 @@ class Tiles:
         known = np.ones(count + 2, bool)  # with an end on either side
         known[1:-1] = reply.tile_unchanged if reply.tile_unchanged else False
         self.hashes.reshape(-1)[first:first + count][~known[1:-1]] = 0  # they are being overwritten
+        out = np.array(reply.tile_hash, "<u8") == 0
+        self.left_out.reshape(-1)[first:first + count] = out
+        tiles[first:first + count][out] = 0
+        known[1:-1] |= out
         edges = np.flatnonzero(np.diff(known))  # of the runs that are sent
         return [place_in(tiles[first + a:first + b]) for a, b in edges.reshape(-1, 2)]
 
