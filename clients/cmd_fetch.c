@@ -10,6 +10,7 @@
 #include "clients/received_band.h"
 #include "clients/region_option.h"
 #include "clients/take_document.h"
+#include "clients/tiled_band.h"
 
 #include <stdio.h>
 #include <stdlib.h>
@@ -26,6 +27,8 @@ struct fetch {
     struct ls_pixel_quality quality;
     struct ls_promotion_report report; /* of the last picture that came with one */
     struct ls_export_list list;
+    struct ls_tiled_band tiled; /* with max_error */
+    double error_bound;         /* of what was left out */
     enum ls_err err;
     struct ls_diag diag; /* of err */
 };
@@ -44,6 +47,8 @@ static void fill_attributes(const struct fetch *fetch, const struct lightstage_b
                         o->layout != LIGHTSTAGE_MOSAIC ? "none" : ls_cfa_name(d->cfa));
     ls_exr_attrs_string(attrs, "lightstage/units",
                         o->estimate ? "full scale / s x referenceExposure" : "R");
+    if (o->max_error > 0)
+        ls_exr_attrs_float(attrs, "lightstage/maxError", (float)o->max_error);
     if (!o->full_sphere)
         ls_picture_attrs_light(d, band->light, attrs);
 }
@@ -134,7 +139,34 @@ static int take_band(const struct lightstage_band *band, void *user)
     return fetch->err != LS_OK;
 }
 
+static int take_tile(const struct lightstage_tile *tile, void *user)
+{
+    struct fetch *fetch = user;
+    struct lightstage_band band;
+    bool there = false;
+    fetch->err = ls_tiled_band_take(&fetch->tiled, tile, &there, &band, &fetch->diag);
+    if (!fetch->err && there)
+        fetch->err = put_band(fetch, &band);
+    fetch->error_bound = tile->picture->error_bound;
+    return fetch->err != LS_OK;
+}
+
 /* ---- the command ---- */
+
+/* In tiles, where some may stay away. */
+static uint32_t receive(struct fetch *fetch, const struct lightstage_fetch *wish)
+{
+    struct ls_command_context *context = fetch->context;
+    const struct lightstage_region *r = &wish->region;
+    if (wish->max_error == 0)
+        return lightstage_fetch(context->stage, wish, take_band, fetch, &context->error);
+    fetch->tiled =
+        (struct ls_tiled_band){.region = {r->x, r->y, r->width, r->height}, .level = wish->level};
+    if (r->width == 0)
+        fetch->tiled.region = (struct ls_demosaic_region){.width = fetch->document->width,
+                                                          .height = fetch->document->height};
+    return lightstage_fetch_tiles(context->stage, wish, NULL, take_tile, fetch, &context->error);
+}
 
 static enum ls_err ask(struct fetch *fetch)
 {
@@ -165,9 +197,9 @@ static enum ls_err ask(struct fetch *fetch)
         .level = o->level,
         .variance = o->variance,
         .validity = o->validity,
+        .max_error = o->max_error,
     };
-    enum ls_err err = ls_command_said(
-        context, lightstage_fetch(context->stage, &wish, take_band, fetch, &context->error));
+    enum ls_err err = ls_command_said(context, receive(fetch, &wish));
     return fetch->err ? ls_fail(&context->diag, fetch->err, "%s", fetch->diag.text) : err;
 }
 
@@ -187,6 +219,8 @@ static void tell(const struct fetch *fetch, json_t *document)
         return;
     }
     printf("%zu pictures\n", json_array_size(fetch->list.frames));
+    if (fetch->options->max_error > 0)
+        printf("error bound %.3g\n", fetch->error_bound);
     ls_promotion_report_print(&fetch->report);
 }
 
@@ -214,6 +248,8 @@ static enum ls_err fetch_pictures(struct fetch *fetch)
     json_t *document = json_pack(
         "{ss ss so sO}", "take", fetch->document->id, "channel", fetch->options->channel, "spectra",
         ls_promotion_report_json(&fetch->report), "frames", fetch->list.frames);
+    if (fetch->options->max_error > 0)
+        json_object_set_new(document, "error_bound", json_real(fetch->error_bound));
     err = write_list(fetch, document);
     if (!err)
         tell(fetch, document);
@@ -227,6 +263,7 @@ static void finish(struct fetch *fetch)
     ls_image_finish(&fetch->image);
     ls_pixel_quality_finish(&fetch->quality);
     ls_fetch_factored_finish(&fetch->factored);
+    ls_tiled_band_finish(&fetch->tiled);
 }
 
 static int fetch_coefficients(struct ls_command_context *context, const char *take,
@@ -273,7 +310,8 @@ const struct ls_command ls_command_fetch = {
     "fetch", "Pictures of the field as OpenEXR, with a JSON and a CSV list beside them",
     "TAKE --channel NAME --output PREFIX [--lights 0,5,7-9] [--full-sphere]\n" LS_PROMOTION_USAGE
     "         [--layout mosaic|rgb|mono] [--estimate] [--half] [--validity] [--variance]\n"
-    "         [--region X,Y,WIDTH,HEIGHT] [--level 0|1|2] [--camera N] [--json]\n"
+    "         [--region X,Y,WIDTH,HEIGHT] [--level 0|1|2] [--camera N] [--max-error E]\n"
+    "         [--json]\n"
     "   or: TAKE --channel NAME,... --output PREFIX --factored --layout rgb --half ...\n"
     "         several spectra by sphere or headlight for the bytes of one: PREFIX.NAME.0001.exr\n"
     "   or: TAKE --channel NAME --output PREFIX --coefficients harmonics|gradients ...",

@@ -3,6 +3,8 @@
 #include "clients/promotion_option.h"
 #include "clients/region_option.h"
 
+#include <math.h>
+#include <stdlib.h>
 #include <string.h>
 
 static int layout_option(const char *text, enum lightstage_layout *out)
@@ -14,6 +16,16 @@ static int layout_option(const char *text, enum lightstage_layout *out)
             return LS_EXIT_OK;
         }
     return ls_command_wrong("--layout %s: expected mosaic, rgb or mono", text);
+}
+
+/* An end of 0 would be nothing to ask for. */
+static int max_error_option(const char *text, double *out)
+{
+    char *end = NULL;
+    *out = strtod(text, &end);
+    return end != text && !*end && *out > 0 && isfinite(*out)
+               ? LS_EXIT_OK
+               : ls_command_wrong("--max-error %s: expected more than 0", text);
 }
 
 static int parse_option(struct ls_fetch_options *out, int option)
@@ -61,6 +73,8 @@ static int parse_option(struct ls_fetch_options *out, int option)
     case 15:
         out->factored = true;
         return LS_EXIT_OK;
+    case 16:
+        return max_error_option(optarg, &out->max_error);
     case 11:
         out->coefficients = optarg;
         return strcmp(optarg, "harmonics") == 0 || strcmp(optarg, "gradients") == 0
@@ -118,6 +132,7 @@ int ls_fetch_options_parse(struct ls_command_context *context, int argc, char **
                                             {"variance", no_argument, NULL, 13},
                                             {"level", required_argument, NULL, 14},
                                             {"factored", no_argument, NULL, 15},
+                                            {"max-error", required_argument, NULL, 16},
                                             LS_PROMOTION_OPTIONS,
                                             LS_COMMON_OPTIONS};
     *out = (struct ls_fetch_options){.promotion.size = sizeof out->promotion};
@@ -143,6 +158,9 @@ int ls_fetch_options_parse(struct ls_command_context *context, int argc, char **
         return ls_command_wrong(
             "fetch: --validity and --variance are of photographed pixels: leave "
             "out --layout, --level and --coefficients");
+    if (out->max_error > 0 && (out->validity || out->variance || out->coefficients))
+        return ls_command_wrong("fetch: --max-error leaves out tiles of pictures: leave out "
+                                "--validity, --variance and --coefficients");
     int code = check_promotion(out);
     return code ? code : check_factored(out);
 }

@@ -19,6 +19,7 @@ struct ls_fetch_options {
     bool estimate, half, full_sphere, promoted, validity, variance, factored;
     uint32_t camera, level;
     struct lightstage_region region;
+    double max_error; /* 0: none given */
 };
 
 /** LS_EXIT_OK, the take being what is left; or the exit code, said already. */

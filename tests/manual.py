@@ -94,7 +94,8 @@ def check_completion():
     wrong = []
     for words, wanted in ((("rel",), {"relight"}), (("take", "sh"), {"show"}),
                           (("take", "start", "--pl"), {"--plan"}),
-                          (("relight", "x", "--max"), {"--max-error"})):
+                          (("relight", "x", "--max"), {"--max-error"}),
+                          (("fetch", "x", "--max"), {"--max-error"})):
         found = set(complete("lightstagectl", *words))
         if found != wanted:
             wrong.append(f"{words}: {found}, expected {wanted}")

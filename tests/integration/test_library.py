@@ -1,5 +1,6 @@
 #!/usr/bin/python3 -B
 """liblightstage and the real daemon: takes and pictures at its socket and by TLS."""
+import json
 import os
 import subprocess
 
@@ -40,6 +41,13 @@ def check_factored(rig, take):
             with open(rig.path(f"plain.{light:04d}.exr"), "rb") as plain, \
                     open(rig.path(f"f.{channel}.{light:04d}.exr"), "rb") as factored:
                 assert factored.read() == plain.read(), (channel, light)
+    allowed = 0.2 * max(pictures.read(rig.path(f"f.{c}.0001.exr")).max() for c in spectra)
+    said = json.loads(rig.control("fetch", take, "--channel", ",".join(spectra), "--factored",
+                                  "--max-error", str(allowed), "--json", *how, rig.path("some")))
+    worst = max(np.abs(pictures.read(rig.path(f"some.{c}.{n:04d}.exr")) -
+                       pictures.read(rig.path(f"f.{c}.{n:04d}.exr"))).max()
+                for c in spectra for n in (1, 8))
+    assert 0 < worst <= said["error_bound"] <= allowed, (worst, said["error_bound"], allowed)
 
 
 def test_takes_and_pictures_are_the_same_by_the_library_at_the_socket_and_by_tls(folder):
