@@ -21,7 +21,7 @@ struct fetch {
     struct ls_command_context *context;
     const struct ls_fetch_options *options;
     const struct ls_take_document *document;
-    struct ls_fetch_factored factored; /* if it is */
+    struct ls_fetch_factored factored; /* several spectra, factored or not */
     const char *channel;               /* of the picture that is written */
     struct ls_image image;
     struct ls_pixel_quality quality;
@@ -66,22 +66,23 @@ static enum ls_err record(struct fetch *fetch, const char *path, const struct li
     else
         err = ls_export_list_add(list, d, path, band->light, band->gain_k, diag);
     json_t *frame = json_array_get(list->frames, json_array_size(list->frames) - 1);
-    if (fetch->options->factored)
+    if (fetch->factored.n > 0)
         json_object_set_new(frame, "channel", json_string(fetch->channel));
     if (flags)
         json_object_set_new(frame, "validity", flags);
     return err;
 }
 
-/* PREFIX.exr, PREFIX.0001.exr, PREFIX.R.0001.exr */
+/* PREFIX.exr, PREFIX.0001.exr, PREFIX.R.0001.exr, PREFIX.R.exr */
 static int name_picture(const struct fetch *fetch, uint32_t light, char *path, size_t size)
 {
     const struct ls_fetch_options *o = fetch->options;
-    if (o->full_sphere)
-        return snprintf(path, size, "%s.exr", o->output);
-    return o->factored
-               ? snprintf(path, size, "%s.%s.%04u.exr", o->output, fetch->channel, light + 1)
-               : snprintf(path, size, "%s.%04u.exr", o->output, light + 1);
+    char number[16] = "";
+    if (!o->full_sphere)
+        snprintf(number, sizeof number, ".%04u", light + 1);
+    bool several = fetch->factored.n > 0;
+    return snprintf(path, size, "%s%s%s%s.exr", o->output, several ? "." : "",
+                    several ? fetch->channel : "", number);
 }
 
 static enum ls_err write_picture(struct fetch *fetch, const struct lightstage_band *band,
@@ -121,15 +122,31 @@ static enum ls_err put_factor(struct fetch *fetch, const struct lightstage_band 
     return err;
 }
 
+/* What is said of the picture that a band belongs to. */
+static enum ls_err take_report(struct fetch *fetch, const struct lightstage_band *band)
+{
+    struct ls_fetch_factored *f = &fetch->factored;
+    uint32_t s = band->spectrum_number;
+    if (s >= (f->n > 0 ? f->n : 1))
+        return ls_fail(&fetch->diag, LS_ERR_INVALID, "the daemon sent a spectrum not asked for");
+    if (band->report)
+        ls_promotion_report_keep(f->n > 0 ? &f->reports[s] : &fetch->report, &band->report, 1);
+    if (f->n > 0) {
+        fetch->channel = f->spectra[s];
+        fetch->report = f->reports[s];
+    }
+    return LS_OK;
+}
+
 static enum ls_err put_band(struct fetch *fetch, const struct lightstage_band *band)
 {
     if (fetch->options->factored)
         return put_factor(fetch, band);
     bool whole = false;
     enum ls_err err = ls_received_band(&fetch->image, &fetch->quality, band, &whole, &fetch->diag);
-    if (!err && band->report)
-        ls_promotion_report_keep(&fetch->report, &band->report, 1);
-    return whole ? write_picture(fetch, band, &fetch->diag) : err;
+    if (!err)
+        err = take_report(fetch, band);
+    return err || !whole ? err : write_picture(fetch, band, &fetch->diag);
 }
 
 static int take_band(const struct lightstage_band *band, void *user)
@@ -181,7 +198,7 @@ static enum ls_err ask(struct fetch *fetch)
     const struct lightstage_fetch wish = {
         .size = sizeof wish,
         .take = fetch->document->id,
-        .channel = o->factored ? NULL : o->channel,
+        .channel = fetch->factored.n > 0 ? NULL : o->channel,
         .factored = o->factored,
         .spectra = fetch->factored.spectra,
         .n_spectra = fetch->factored.n,
@@ -209,7 +226,7 @@ static void gather_reports(struct fetch *fetch)
     const struct ls_fetch_factored *f = &fetch->factored;
     for (uint32_t s = 0; s < f->n; s++)
         fetch->report.spectrum[s] = f->reports[s].spectrum[0];
-    fetch->report.n = fetch->options->factored ? f->n : fetch->report.n;
+    fetch->report.n = f->n > 0 ? f->n : fetch->report.n;
 }
 
 static void tell(const struct fetch *fetch, json_t *document)
@@ -238,7 +255,7 @@ static enum ls_err fetch_pictures(struct fetch *fetch)
 {
     struct ls_diag *diag = &fetch->context->diag;
     enum ls_err err = ls_export_list_begin(&fetch->list, diag);
-    if (!err && fetch->options->factored)
+    if (!err && (fetch->options->factored || strchr(fetch->channel, ',')))
         err = ls_fetch_factored_init(&fetch->factored, fetch->channel, diag);
     if (!err)
         err = ask(fetch);
@@ -308,10 +325,10 @@ static int run(struct ls_command_context *context, int argc, char **argv)
 
 const struct ls_command ls_command_fetch = {
     "fetch", "Pictures of the field as OpenEXR, with a JSON and a CSV list beside them",
-    "TAKE --channel NAME --output PREFIX [--lights 0,5,7-9] [--full-sphere]\n" LS_PROMOTION_USAGE
-    "         [--layout mosaic|rgb|mono] [--estimate] [--half] [--validity] [--variance]\n"
-    "         [--region X,Y,WIDTH,HEIGHT] [--level 0|1|2] [--camera N] [--max-error E]\n"
-    "         [--json]\n"
+    "TAKE --channel NAME,... --output PREFIX [--lights 0,5,7-9]\n" LS_PROMOTION_USAGE
+    "         [--full-sphere] [--layout mosaic|rgb|mono] [--estimate] [--half]\n"
+    "         [--validity] [--variance] [--region X,Y,WIDTH,HEIGHT] [--level 0|1|2]\n"
+    "         [--camera N] [--max-error E] [--json]\n"
     "   or: TAKE --channel NAME,... --output PREFIX --factored --layout rgb --half ...\n"
     "         several spectra by sphere or headlight for the bytes of one: PREFIX.NAME.0001.exr\n"
     "   or: TAKE --channel NAME --output PREFIX --coefficients harmonics|gradients ...",

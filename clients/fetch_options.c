@@ -18,7 +18,6 @@ static int layout_option(const char *text, enum lightstage_layout *out)
     return ls_command_wrong("--layout %s: expected mosaic, rgb or mono", text);
 }
 
-/* An end of 0 would be nothing to ask for. */
 static int max_error_option(const char *text, double *out)
 {
     char *end = NULL;

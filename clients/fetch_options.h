@@ -11,7 +11,7 @@
 #include <stdint.h>
 
 struct ls_fetch_options {
-    const char *channel; /* with factored: several, "R,A,B" */
+    const char *channel; /* or several, "R,A,B" */
     const char *lights, *output;
     const char *coefficients; /* "harmonics", "gradients", or NULL: lights */
     struct lightstage_promotion promotion;

@@ -51,6 +51,7 @@ struct lightstage_band ls_library_band(const Lightstage__FetchReply *r,
         .spectrum = r->spectrum ? r->spectrum->channel : NULL,
         .report = r->spectrum ? report : NULL,
         .error_bound = r->error_bound,
+        .spectrum_number = r->spectrum_number,
     };
 }
 
@@ -92,9 +93,9 @@ uint32_t ls_library_fill_fetch(struct ls_library_fetch *out, const struct lights
             ls_library_fill_promoted(&out->promotion, &out->region, f.promotion, &f.region, error);
     if (number)
         return number;
-    if (!f.take || !(f.channel || f.n_conditions || f.factored))
+    if (!f.take || !(f.channel || f.n_conditions || f.n_spectra))
         return ls_library_fail(error, LIGHTSTAGE_BAD_ARGUMENT,
-                               "a take and a channel (or conditions, or factored) are needed");
+                               "a take and a channel (or spectra, or conditions) are needed");
     lightstage__fetch__init(body);
     body->take = (char *)f.take;
     body->channel = (char *)(f.channel ? f.channel : "");

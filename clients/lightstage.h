@@ -547,10 +547,10 @@ struct lightstage_fetch {
     const char *const *conditions;
     size_t n_conditions;
     int variance, validity; /* of each pixel as photographed: with MOSAIC */
-    /* what lights under many spectra are made of, by SPHERE or HEADLIGHT, HALF and RGB, without
-     * channel: the ratio picture of each of `spectra`, then each light's white */
+    /* what lights under many spectra are made of, by SPHERE or HEADLIGHT, HALF and RGB: the ratio
+     * picture of each of `spectra`, then each light's white */
     int factored;
-    const char *const *spectra;
+    const char *const *spectra; /* in place of channel: each light under one after the other */
     size_t n_spectra;
     uint64_t credit_bytes; /* of values that may come before lightstage_credit gives more; 0: not
                             * counted */
@@ -592,6 +592,7 @@ struct lightstage_band {
     const char *spectrum;                     /* with a picture's first band; else NULL */
     const struct lightstage_spectrum *report; /* likewise */
     double error_bound; /* with the last tiles of a fetch: of what was left out under max_error */
+    uint32_t spectrum_number; /* which of lightstage_fetch.spectra; not of what is factored */
 };
 
 typedef int lightstage_on_band(const struct lightstage_band *band, void *user);

@@ -31,9 +31,7 @@ enum ls_err ls_factored_read(const Lightstage__Fetch *fetch, const struct ls_pro
 {
     *out = (struct ls_factored){.wanted = fetch->factored};
     if (!fetch->factored)
-        return fetch->n_spectra == 0
-                   ? LS_OK
-                   : ls_fail(diag, LS_ERR_INVALID, "fetch: spectra are of a factored fetch");
+        return LS_OK;
     enum ls_err err = check(fetch, promotion, diag);
     for (; out->n < fetch->n_spectra && !err; out->n++)
         if ((size_t)snprintf(out->names[out->n], sizeof out->names[0], "%s",

@@ -50,16 +50,16 @@ static enum ls_err measure_ratios(struct ls_fetch_job *self, struct ls_diag *dia
 {
     const struct ls_factored *f = &self->factored;
     uint32_t n = n_tiles(&self->source->field);
-    bool one = !f->wanted && self->way.kind == LS_WAY_RATIO;
-    if (self->ratio_most || !(f->wanted || one))
+    bool one = !f->wanted && self->now->way.kind == LS_WAY_RATIO;
+    if (self->now->ratio_most || !(f->wanted || one))
         return LS_OK;
-    self->ratio_most = calloc((size_t)n * (one ? 1 : f->n), sizeof *self->ratio_most);
-    if (!self->ratio_most)
+    self->now->ratio_most = calloc((size_t)n * (one ? 1 : f->n), sizeof *self->now->ratio_most);
+    if (!self->now->ratio_most)
         return ls_fail(diag, LS_ERR_NOMEM, "out of memory");
     if (one)
-        measure_ratio(self->source, self->way.map, self->ratio_most);
+        measure_ratio(self->source, self->now->way.map, self->now->ratio_most);
     for (uint32_t s = 0; s < f->n; s++)
-        measure_ratio(self->source, f->ways[s].map, self->ratio_most + (size_t)s * n);
+        measure_ratio(self->source, f->ways[s].map, self->now->ratio_most + (size_t)s * n);
     return LS_OK;
 }
 
@@ -67,7 +67,7 @@ static enum ls_err measure_ratios(struct ls_fetch_job *self, struct ls_diag *dia
 
 static double stored_most(const struct ls_fetch_job *self, uint32_t tile)
 {
-    const struct ls_light_set *set = self->way.set; /* light by light */
+    const struct ls_light_set *set = self->now->way.set; /* light by light */
     return (double)set->tile_max[(size_t)tile * set->n_pictures + self->lights[self->light]];
 }
 
@@ -101,8 +101,9 @@ static double most_of(const void *user, uint32_t tile)
         return most;
     if (self->factored.wanted)
         return rounded(most);
-    if (self->ratio_most)
-        return rounded(rounded(most) * gain * (double)ls_half_to_float(self->ratio_most[tile]));
+    if (self->now->ratio_most)
+        return rounded(rounded(most) * gain *
+                       (double)ls_half_to_float(self->now->ratio_most[tile]));
     return self->half ? rounded(most * gain) : most * gain;
 }
 
@@ -117,7 +118,8 @@ static double expanded_most(const void *user, uint32_t tile, double most)
         return INFINITY;
     ls_factored_expand(&white, (float)self->bounded_gain, NULL, 1, &made[0]);
     for (uint32_t s = 0; s < self->factored.n; s++) {
-        const uint16_t *ratio = self->ratio_most + (size_t)s * n_tiles(&self->source->field) + tile;
+        const uint16_t *ratio =
+            self->now->ratio_most + (size_t)s * n_tiles(&self->source->field) + tile;
         if (!isfinite(ls_half_to_float(*ratio)))
             return INFINITY;
         ls_factored_expand(&white, (float)self->bounded_gain, ratio, 1, &made[1 + s]);

@@ -16,7 +16,8 @@ static void fetch_destroy(struct ls_job *job)
     ls_tiles_finish(&self->tiles);
     ls_reduction_finish(&self->reduction);
     free(self->lights);
-    free(self->ratio_most);
+    for (uint32_t s = 0; s < self->n_spectra; s++)
+        free(self->spectra[s].ratio_most);
     g_free(self);
 }
 
@@ -42,10 +43,26 @@ static enum ls_err fetch_step(struct ls_job *job, struct ls_chunk *chunk, bool *
 
 /* ---- making ---- */
 
+/* A channel, or spectra; what is factored has its own rule. */
+static enum ls_err check_names(const Lightstage__Fetch *fetch, struct ls_diag *diag)
+{
+    bool named = fetch->channel[0] ? fetch->n_spectra == 0 && strlen(fetch->channel) < 32
+                                   : fetch->n_spectra > 0;
+    for (size_t s = 0; s < fetch->n_spectra; s++)
+        named &= strlen(fetch->spectra[s]) >= 1 && strlen(fetch->spectra[s]) < 32;
+    if (!fetch->factored && !named)
+        return ls_fail(diag, LS_ERR_INVALID, "fetch: expected the name of a channel, or spectra");
+    if (fetch->n_spectra > LS_FIELD_MAX_SPECTRA)
+        return ls_fail(diag, LS_ERR_INVALID, "fetch: %zu spectra, at most %d", fetch->n_spectra,
+                       LS_FIELD_MAX_SPECTRA);
+    return LS_OK;
+}
+
 static enum ls_err check(const Lightstage__Fetch *fetch, struct ls_diag *diag)
 {
-    if (!fetch->factored && (strlen(fetch->channel) < 1 || strlen(fetch->channel) > 31))
-        return ls_fail(diag, LS_ERR_INVALID, "fetch: expected the name of a channel");
+    enum ls_err err = check_names(fetch, diag);
+    if (err)
+        return err;
     if (fetch->layout > LIGHTSTAGE__LAYOUT__MONO)
         return ls_fail(diag, LS_ERR_UNSUPPORTED, "fetch: layout %d is not known",
                        (int)fetch->layout);
@@ -74,6 +91,16 @@ static enum ls_err check_promotion(const Lightstage__Fetch *fetch,
     return LS_OK;
 }
 
+static void name_spectra(struct ls_fetch_job *self, const Lightstage__Fetch *fetch)
+{
+    bool several = fetch->n_spectra > 0 && !fetch->factored;
+    self->now = self->spectra;
+    self->n_spectra = several ? (uint32_t)fetch->n_spectra : 1;
+    for (uint32_t s = 0; s < self->n_spectra; s++)
+        snprintf(self->spectra[s].name, sizeof self->spectra[s].name, "%s",
+                 several ? fetch->spectra[s] : fetch->channel);
+}
+
 enum ls_err ls_fetch_job_create(uint32_t request, struct ls_field_cache *cache,
                                 const Lightstage__Fetch *fetch, struct ls_tiles *tiles,
                                 struct ls_job **out, struct ls_diag *diag)
@@ -99,7 +126,7 @@ enum ls_err ls_fetch_job_create(uint32_t request, struct ls_field_cache *cache,
     self->cache = cache;
     snprintf(self->take, sizeof self->take, "%s", fetch->take);
     self->job.take = self->take;
-    snprintf(self->channel_name, sizeof self->channel_name, "%s", fetch->channel);
+    name_spectra(self, fetch);
     self->camera = fetch->camera;
     self->full_sphere = fetch->full_sphere;
     self->mono = fetch->layout == LIGHTSTAGE__LAYOUT__MONO;

@@ -5,13 +5,13 @@
 
 bool ls_fetch_is_coloured(const struct ls_fetch_job *self)
 {
-    return !self->estimate && self->way.set && ls_light_set_is_coloured(self->way.set);
+    return !self->estimate && self->now->way.set && ls_light_set_is_coloured(self->now->way.set);
 }
 
 bool ls_fetch_is_of_several(const struct ls_fetch_job *self)
 {
-    return self->way.kind != LS_WAY_PHOTOGRAPHED ||
-           (self->way.set && ls_light_set_is_summed(self->way.set));
+    return self->now->way.kind != LS_WAY_PHOTOGRAPHED ||
+           (self->now->way.set && ls_light_set_is_summed(self->now->way.set));
 }
 
 bool ls_fetch_is_promoted(const struct ls_fetch_job *self)
@@ -22,30 +22,31 @@ bool ls_fetch_is_promoted(const struct ls_fetch_job *self)
 bool ls_fetch_is_promoted_as_halves(const struct ls_fetch_job *self)
 {
     return self->half && self->rgb && !ls_reduction_any(&self->reduction) &&
-           self->way.kind == LS_WAY_RATIO && !ls_fetch_is_coloured(self) &&
-           !ls_light_set_is_summed(self->way.set);
+           self->now->way.kind == LS_WAY_RATIO && !ls_fetch_is_coloured(self) &&
+           !ls_light_set_is_summed(self->now->way.set);
 }
 
-bool ls_fetch_has_light(const struct ls_fetch_job *self, uint32_t light)
+bool ls_fetch_has_light(const struct ls_fetch_job *self, const struct ls_fetch_spectrum *spectrum,
+                        uint32_t light)
 {
-    return !self->way.set || ls_light_set_has(self->source, self->way.set, light);
+    return !spectrum->way.set || ls_light_set_has(self->source, spectrum->way.set, light);
 }
 
 static enum ls_err sphere_picture(const struct ls_fetch_job *self, struct ls_fetch_picture *out,
                                   struct ls_diag *diag)
 {
-    int s = ls_field_source_spectrum(self->source, self->channel);
+    int s = ls_field_source_spectrum(self->source, self->now->channel);
     const struct ls_field *field = &self->source->field;
-    out->map = ls_field_source_picture(self->source, self->channel, -1, NULL);
+    out->map = ls_field_source_picture(self->source, self->now->channel, -1, NULL);
     if (!out->map)
         return ls_fail(diag, LS_ERR_STATE, "take %s has no full sphere of channel %s", self->take,
-                       self->channel_name);
+                       self->now->name);
     if (self->estimate)
         return LS_OK;
     if (s < 0 || !self->source->has_sphere[s])
         return ls_fail(diag, LS_ERR_STATE,
                        "the full sphere of channel %s has no calibrated duty; fetch the estimate",
-                       self->channel_name);
+                       self->now->name);
     out->gain = ls_promote_sphere_factor(field, (uint32_t)s) * field->scale;
     return LS_OK;
 }
@@ -53,8 +54,8 @@ static enum ls_err sphere_picture(const struct ls_fetch_job *self, struct ls_fet
 /* The channel whose pictures a light is made of. */
 static uint32_t shown_by(const struct ls_fetch_job *self)
 {
-    return self->way.kind == LS_WAY_PHOTOGRAPHED && self->way.set != &self->source->white
-               ? self->channel
+    return self->now->way.kind == LS_WAY_PHOTOGRAPHED && self->now->way.set != &self->source->white
+               ? self->now->channel
                : self->source->channel_of[0];
 }
 
@@ -65,7 +66,7 @@ static enum ls_err check_light(const struct ls_fetch_job *self, uint32_t light,
     if (light >= facts->n_lights)
         return ls_fail(diag, LS_ERR_NOT_FOUND, "light %u: the take has lights 0 to %u", light,
                        facts->n_lights - 1);
-    if (ls_fetch_has_light(self, light))
+    if (ls_fetch_has_light(self, self->now, light))
         return LS_OK;
     uint32_t from = shown_by(self);
     bool planned = ls_field_source_planned(self->source, LS_FACT_ONE, from, light);

@@ -17,19 +17,26 @@
 
 #include <stdbool.h>
 
+/** What each light is fetched under. */
+struct ls_fetch_spectrum {
+    char name[32];
+    uint32_t channel;            /* of facts */
+    struct ls_way way;           /* of single lights */
+    const uint16_t *ratio_tiles; /* of promoted halves that are made tile by tile; or NULL */
+    uint16_t *ratio_most; /* with max_error: [maps][tiles], the largest |half| of each; or NULL */
+};
+
 struct ls_fetch_job {
     struct ls_job job;
     struct ls_field_cache *cache;
     struct ls_field_source *source; /* from the first step on */
-    char take[128], channel_name[32];
+    char take[128];
     uint32_t camera;
     bool reported; /* what was done for the picture at hand */
     bool started, full_sphere, rgb, mono, estimate, half; /* mono: by way of rgb */
     struct ls_pixel_quality quality;
     struct ls_tiles tiles;
-    const uint16_t *ratio_tiles; /* of promoted halves that are made tile by tile; or NULL */
-    uint16_t *ratio_most; /* with max_error: [maps][tiles], the largest |half| of each; or NULL */
-    double bounded_gain;  /* |gain| of the picture whose tiles are bounded */
+    double bounded_gain; /* |gain| of the picture whose tiles are bounded */
     struct ls_reduction reduction;
     struct ls_factored factored;
     struct ls_demosaic_region asked, region, /* region: what is sent of the picture at hand, in its
@@ -39,9 +46,11 @@ struct ls_fetch_job {
     uint32_t *lights;                        /* NULL = all, until the first step */
     size_t n_lights, light;                  /* current index */
     uint32_t row;                            /* next, in the region */
-    uint32_t channel;
+    struct ls_fetch_spectrum spectra[LS_FIELD_MAX_SPECTRA]; /* of a light, one after the other;
+                                                               factored: white alone */
+    struct ls_fetch_spectrum *now;                          /* that of the picture at hand */
+    uint32_t n_spectra;
     struct ls_promotion promotion;
-    struct ls_way way;        /* of single lights */
     struct ls_render *render; /* of the current light, where it is promoted */
 };
 
@@ -74,8 +83,9 @@ bool ls_fetch_is_promoted(const struct ls_fetch_job *self);
  * are rendered. */
 bool ls_fetch_is_promoted_as_halves(const struct ls_fetch_job *self);
 
-/** A way without a set needs the pictures of all lights, and has them. */
-bool ls_fetch_has_light(const struct ls_fetch_job *self, uint32_t light);
+/** Can it be had? A way without a set needs the pictures of all lights, and has them. */
+bool ls_fetch_has_light(const struct ls_fetch_job *self, const struct ls_fetch_spectrum *spectrum,
+                        uint32_t light);
 
 /** The next picture. LS_ERR_NOT_FOUND: no such light, or the plan has no picture of it;
  * LS_ERR_STATE: it is missing, or a sphere's duty is not calibrated. */

@@ -18,6 +18,7 @@ void ls_fetch_describe(const struct ls_fetch_job *self, const struct ls_fetch_pi
     body->gain_k = picture->k;
     body->calibrated = self->source->calibrated;
     body->level = self->reduction.level;
+    body->spectrum_number = (uint32_t)(self->now - self->spectra);
     if (!self->factored.wanted)
         return;
     bool ratio = ls_factored_is_ratio(&self->factored);
@@ -30,10 +31,12 @@ bool ls_fetch_next_picture(struct ls_fetch_job *self)
 {
     self->row = 0;
     self->reported = false;
-    if (ls_factored_is_ratio(&self->factored))
+    if (ls_factored_is_ratio(&self->factored)) {
         self->factored.at++;
-    else
+    } else if (++self->now == self->spectra + self->n_spectra) {
+        self->now = self->spectra;
         self->light++;
+    }
     return self->light == self->n_lights;
 }
 
@@ -45,7 +48,7 @@ enum ls_err ls_fetch_send(struct ls_fetch_job *self, Lightstage__FetchReply *bod
     if (!self->reported && !self->full_sphere) {
         const struct ls_factored *f = &self->factored;
         ls_promotion_report(self->source, &self->promotion,
-                            ls_factored_is_ratio(f) ? &f->ways[f->at] : &self->way, &report);
+                            ls_factored_is_ratio(f) ? &f->ways[f->at] : &self->now->way, &report);
         body->spectrum = &report;
     }
     self->reported = true;

@@ -16,9 +16,10 @@ static enum ls_err open_render(struct ls_fetch_job *self, struct ls_diag *diag)
     if (!weights)
         return ls_fail(diag, LS_ERR_NOMEM, "out of memory");
     uint32_t light = self->lights[self->light];
-    double gained = ls_field_source_gain(self->source, self->channel, light);
+    double gained = ls_field_source_gain(self->source, self->now->channel, light);
     weights[light] = self->estimate ? 1 / (gained * self->source->field.scale) : 1;
-    const struct ls_render_term term = {.channel = self->channel, .weights = weights, .target = -1};
+    const struct ls_render_term term = {
+        .channel = self->now->channel, .weights = weights, .target = -1};
     const struct ls_render_job job = {.promotion = self->promotion,
                                       .terms = &term,
                                       .n_terms = 1,
@@ -99,8 +100,8 @@ static const uint16_t *ratio_of_tile(const struct ls_fetch_job *self,
 {
     const struct ls_field *field = &self->source->field;
     size_t number = (size_t)r->y / LS_TILE_SIDE * ls_field_tiles_x(field) + r->x / LS_TILE_SIDE;
-    return self->ratio_tiles
-               ? self->ratio_tiles + number * LS_TILE_SIDE * LS_TILE_SIDE * field->n_channels
+    return self->now->ratio_tiles
+               ? self->now->ratio_tiles + number * LS_TILE_SIDE * LS_TILE_SIDE * field->n_channels
                : NULL;
 }
 
@@ -109,7 +110,7 @@ enum ls_err ls_fetch_make_pixels(const struct ls_fetch_job *self,
                                  struct ls_demosaic_region r, struct ls_chunk *chunk,
                                  struct ls_diag *diag)
 {
-    const struct ls_field_map *map = self->way.map;
+    const struct ls_field_map *map = self->now->way.map;
     struct ls_rgb_band band = {
         .field = &self->source->field, .map = picture->map, .region = r, .gain = picture->gain};
     if (!chunk->payload)

@@ -82,7 +82,7 @@ static enum ls_err begin_tiles(struct ls_fetch_job *self, const struct ls_fetch_
         err = ls_fetch_bound_tiles(self, picture, by_pixel(self), diag);
     *any = !err && self->region.height > 0;
     if (*any && by_pixel(self) && ls_fetch_is_promoted_as_halves(self))
-        self->ratio_tiles = ls_field_maps_halves(self->source, self->way.map);
+        self->now->ratio_tiles = ls_field_maps_halves(self->source, self->now->way.map);
     if (!err && !*any && ls_fetch_next_picture(self))
         return ls_fail(diag, LS_ERR_LIMIT, "fetch: first_tile %u is beyond the last tile",
                        (unsigned)self->tiles.first);

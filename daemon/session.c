@@ -144,10 +144,10 @@ static void greet(struct ls_session *session, const struct ls_frame_header *head
                   const ProtobufCMessage *message)
 {
     static char *capabilities[] = {
-        (char *)"relight",   (char *)"fetch", (char *)"resume",   (char *)"tiles",
-        (char *)"credit",    (char *)"memfd", (char *)"ring",     (char *)"roles",
-        (char *)"levels",    (char *)"mono",  (char *)"factored", (char *)"events",
-        (char *)"max_error",
+        (char *)"relight",   (char *)"fetch",   (char *)"resume",   (char *)"tiles",
+        (char *)"credit",    (char *)"memfd",   (char *)"ring",     (char *)"roles",
+        (char *)"levels",    (char *)"mono",    (char *)"factored", (char *)"events",
+        (char *)"max_error", (char *)"spectra",
     };
     const Lightstage__Hello *hello = (const Lightstage__Hello *)message;
     Lightstage__HelloReply reply = LIGHTSTAGE__HELLO_REPLY__INIT;

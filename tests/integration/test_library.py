@@ -41,6 +41,14 @@ def check_factored(rig, take):
             with open(rig.path(f"plain.{light:04d}.exr"), "rb") as plain, \
                     open(rig.path(f"f.{channel}.{light:04d}.exr"), "rb") as factored:
                 assert factored.read() == plain.read(), (channel, light)
+    rig.control("fetch", take, "--channel", ",".join(spectra), *how, rig.path("s"))
+    for name in (f"{c}.{light:04d}.exr" for c in spectra for light in (1, 8)):
+        with open(rig.path("s." + name), "rb") as several, open(rig.path("f." + name), "rb") as factored:
+            assert several.read() == factored.read(), name
+    rig.control("fetch", take, "--channel", "R,B", "--full-sphere", "--output", rig.path("ball"))
+    rig.control("fetch", take, "--channel", "B", "--full-sphere", "--output", rig.path("blue"))
+    with open(rig.path("ball.B.exr"), "rb") as several, open(rig.path("blue.exr"), "rb") as alone:
+        assert several.read() == alone.read() and os.path.exists(rig.path("ball.R.exr"))
     allowed = 0.2 * max(pictures.read(rig.path(f"f.{c}.0001.exr")).max() for c in spectra)
     said = json.loads(rig.control("fetch", take, "--channel", ",".join(spectra), "--factored",
                                   "--max-error", str(allowed), "--json", *how, rig.path("some")))

@@ -114,6 +114,24 @@ def tiles_come_once_and_again_only_if_they_have_changed(rig, stage, take):
     assert len(os.listdir("/proc/self/fd")) == open_fds, "descriptors are left open"
 
 
+def each_light_comes_under_every_spectrum(stage, take):
+    how = {"model": "sphere", "layout": "rgb", "lights": [7, 2], "region": (3, 7, 111, 90)}
+    one_by_one = [stage.fetch(take, c, **how) for c in "RWB"]
+    field = stage.fetch(take, spectra=["R", "W", "B"], **how)
+    assert field.lights == [7, 7, 7, 2, 2, 2] and field.pixels.shape[0] == 6
+    for k, picture in enumerate(field.pictures):
+        alone = one_by_one[k % 3].pictures[k // 3]
+        assert picture.number == k % 3 and picture.spectrum == alone.spectrum
+        assert np.array_equal(picture.pixels, alone.pixels)
+    tiles = lightstage.Tiles()
+    stage.fetch_tiles(tiles, take, spectra=["R", "W", "B"], **how)
+    assert tiles.lights == field.lights
+    shared = list(stage.shared(take, spectra=["R", "W", "B"], **how))
+    assert [(s.light, s.number) for s in shared] == [(p.light, p.number) for p in field.pictures]
+    for k, pixels in enumerate(field.pixels):
+        assert np.array_equal(tiles.picture(k), pixels) and np.array_equal(shared[k].picture(), pixels)
+
+
 def what_is_under_max_error_does_not_come(rig, stage, take):
     for asked, theirs in (
             ({"channel": "W", "dtype": "float16", "quantity": "estimate"},
@@ -321,6 +339,7 @@ def test_what_is_fetched_and_relit_is_that_of_lightstagectl_to_the_bit(folder):
     pictures_are_those_of_lightstagectl(*with_take)
     tiles_come_once_and_again_only_if_they_have_changed(*with_take)
     what_is_under_max_error_does_not_come(*with_take)
+    each_light_comes_under_every_spectrum(*with_take[1:])
     a_factored_fetch_expands_to_what_the_daemon_sends_as_halves(*with_take)
     relit_pictures_are_those_of_lightstagectl(*with_take)
     with_take[1].close()

@@ -23,6 +23,7 @@ class Picture:
     spectrum: Optional[messages.SpectrumReport]  # how it was promoted
     factor: int  # messages.Factor: WHOLE, or of a factored fetch RATIO or WHITE
     gain: float  # of WHITE: what expand() multiplies it by beside the ratio
+    number: int = 0  # of the spectra asked for, which
     variance: Optional[Array] = None  # float32 [height][width]
     validity: Optional[Array] = None  # uint8 [height][width], messages.Validity
 
@@ -69,6 +70,11 @@ def dtype_of(reply: messages.FetchReply) -> "np.dtype[Any]":
     return np.dtype("<f2" if reply.sample == messages.HALF else "<f4")
 
 
+def which_of(reply: messages.FetchReply) -> Tuple[int, int, int]:
+    """Of the request's pictures: it changes from one to the next."""
+    return reply.factor, reply.light, reply.spectrum_number
+
+
 class Bands:
     """Bands of rows, each received where it belongs. With `n` pictures all lie in one array, `out`
     or a new one; without, each in its own."""
@@ -76,7 +82,7 @@ class Bands:
     def __init__(self, n: Optional[int] = None, out: Optional[Array] = None):
         self.n, self.out = n, out
         self.whole: Dict[str, Array] = {}
-        self.which: Optional[Tuple[int, int]] = None
+        self.which: Optional[Tuple[int, int, int]] = None
         self.count = 0
         self.now: Dict[str, Array] = {}
 
@@ -97,10 +103,10 @@ class Bands:
             if name not in self.whole:
                 self.whole[name] = room(out, (self.n, *shape), dtype)
             now[name] = self.whole[name][self.count]
-        self.now, self.which, self.count = now, (reply.factor, reply.light), self.count + 1
+        self.now, self.which, self.count = now, which_of(reply), self.count + 1
 
     def room(self, reply: messages.FetchReply, n_bytes: int) -> List[memoryview]:
-        if (reply.factor, reply.light) != self.which:
+        if which_of(reply) != self.which:
             if self.n is not None and self.count == self.n:
                 raise Error(f"the daemon sent more than the {self.n} pictures asked for")
             self._next(reply)
@@ -119,4 +125,4 @@ class Bands:
                               reference_exposure_s=first.reference_exposure_s,
                               spectrum=first.spectrum if first.HasField("spectrum") else None,
                               factor=first.factor, gain=first.gain,
-                              **arrays)
+                              number=first.spectrum_number, **arrays)

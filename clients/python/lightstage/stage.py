@@ -227,7 +227,8 @@ class Stage:
         comes to a light; all but the first want `layout` "rgb". `quantity`: "reflectance" or
         "estimate", as stored. `dtype`: float32 or float16. `out`: an array [n][height][width]
         [components] that the pictures are received into. Other words are those of messages.Fetch:
-        camera, promotion (in place of model), full_sphere, conditions, variance, validity, level."""
+        camera, promotion (in place of model), full_sphere, conditions, variance, validity, level, and,
+        in place of `channel`, spectra: each light comes under one after the other."""
         ask = self._fetch(take, channel, light_numbers(lights), region, model, layout, quantity,
                           dtype, **others)
         bands = Bands(self._most(ask) if out is None else len(out), out)
@@ -249,9 +250,8 @@ class Stage:
 
     def _most(self, ask: messages.Fetch) -> int:
         """Pictures that may come."""
-        if ask.full_sphere:
-            return 1
-        return len(ask.conditions or ask.lights) or self.summary(ask.take).n_lights
+        lights = 1 if ask.full_sphere else len(ask.conditions or ask.lights)
+        return (lights or self.summary(ask.take).n_lights) * max(1, len(ask.spectra))
 
     def fetch_tiles(self, tiles: Tiles, take: str, channel: str = "", *,
                     lights: Optional[Iterable[int]] = None, region: Optional[Sequence[int]] = None,

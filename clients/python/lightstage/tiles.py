@@ -10,7 +10,7 @@ from . import lightstage_pb2 as messages
 from .arrays import Array, place_in, room
 from .connection import tiles_sent
 from .errors import Error
-from .field import dtype_of
+from .field import dtype_of, which_of
 
 SIDE = 64
 
@@ -115,6 +115,7 @@ class Shared:
     light: int
     tiles: Array
     grid: Grid
+    number: int = 0  # of the spectra asked for, which
 
     def picture(self) -> Array:
         """The region, [height][width][components]: a copy, put together."""
@@ -131,15 +132,16 @@ def mapped(reply: messages.FetchReply, fds: List[int]) -> Array:
 
 def shared_pictures(ask: messages.Fetch, request: Any) -> Iterator[Shared]:
     """Each when the first of its frames is there; the others list more of the same memory."""
-    light = None
+    which = None
     for answer in request:
         reply, fds = answer.message, answer.fds
         try:
-            if reply.light != light:
-                light, grid = reply.light, Grid(ask, reply)
+            if which_of(reply) != which:
+                which, grid = which_of(reply), Grid(ask, reply)
                 tiles = mapped(reply, fds).reshape(grid.down, grid.across, SIDE, SIDE, -1)
-                yield Shared(light, tiles[grid.y0:grid.y0 + grid.n_y, grid.x0:grid.x0 + grid.n_x],
-                             grid)
+                yield Shared(reply.light,
+                             tiles[grid.y0:grid.y0 + grid.n_y, grid.x0:grid.x0 + grid.n_x], grid,
+                             reply.spectrum_number)
         finally:
             while fds:
                 os.close(fds.pop())
