@@ -9,7 +9,7 @@
  * five output rows that read it and stays in a near cache. */
 enum {
     HALO = LS_DEMOSAIC_HALO,
-    ROWS = LS_DEMOSAIC_ROWS,
+    ROWS = LS_DEMOSAIC_ROWS + 1, /* two are made at a time */
     STRIP = 2048,
     STRIDE = STRIP + 2 * HALO + LS_DEMOSAIC_SLACK,
 };
@@ -91,6 +91,15 @@ static void place(const struct job *job, uint32_t column, uint32_t row,
     line->half_ratio = t->half_ratio ? t->half_ratio + of_ratio : NULL;
 }
 
+static enum ls_demosaic_form form_of(const struct ls_demosaic_target *t)
+{
+    if (t->add)
+        return LS_DEMOSAIC_ADD;
+    if (t->half_ratio)
+        return LS_DEMOSAIC_PROMOTED;
+    return (t->half[0] ? LS_DEMOSAIC_HALF_PLANES : LS_DEMOSAIC_PLANES) + is_woven(t);
+}
+
 /* Columns [at, at + n) of the region. */
 static void demosaic_strip(const struct job *job, uint32_t at, uint32_t n)
 {
@@ -98,23 +107,26 @@ static void demosaic_strip(const struct job *job, uint32_t at, uint32_t n)
     enum ls_cfa cfa = job->source->cfa;
     float ring[ROWS][STRIDE];
     uint32_t x = r->x + at;
-    struct ls_demosaic_line line = {.n = n, .filter = job->filter, .scale = job->target->scale};
+    const struct ls_demosaic_target *t = job->target;
+    const bool green_first = ls_cfa_channel(cfa, x, r->y) == 1;
+    struct ls_demosaic_line line = {.n = n,
+                                    .green_first = green_first,
+                                    .red_row = ls_cfa_channel(cfa, x + green_first, r->y) == 0,
+                                    .filter = job->filter,
+                                    .form = form_of(t),
+                                    .step = t->row_step * (t->half[0] ? 2 : sizeof(float)),
+                                    .scale = t->scale,
+                                    .ratio_step = t->ratio_step};
 
-    line.form = job->target->half[0] ? LS_DEMOSAIC_HALF_PLANES : LS_DEMOSAIC_PLANES;
-    line.form += is_woven(job->target);
-    if (job->target->add)
-        line.form = LS_DEMOSAIC_ADD;
-    if (job->target->half_ratio)
-        line.form = LS_DEMOSAIC_PROMOTED;
-    for (uint32_t k = 0; k + 1 < ROWS; k++)
+    for (uint32_t k = 0; k < 2 * HALO; k++)
         load_row(job, x, n, (int64_t)r->y + k - HALO, ring[k]);
-    for (uint32_t j = 0; j < r->height; j++) {
+    for (uint32_t j = 0; j < r->height; j += 2) {
         uint32_t y = r->y + j;
-        load_row(job, x, n, (int64_t)y + HALO, ring[(j + ROWS - 1) % ROWS]);
+        line.two = r->height - j > 1;
+        for (uint32_t k = 2 * HALO; k < (line.two ? ROWS : ROWS - 1); k++)
+            load_row(job, x, n, (int64_t)y + k - HALO, ring[(j + k) % ROWS]);
         for (uint32_t k = 0; k < ROWS; k++)
             line.row[k] = ring[(j + k) % ROWS] + HALO;
-        line.green_first = ls_cfa_channel(cfa, x, y) == 1;
-        line.red_row = ls_cfa_channel(cfa, x + line.green_first, y) == 0;
         place(job, at, j, &line);
         job->kernels->line(&line);
     }

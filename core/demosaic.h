@@ -82,7 +82,7 @@ struct ls_demosaic_region ls_demosaic_needs(struct ls_demosaic_region region, ui
  * the region is not inside the image, the window does not hold what ls_demosaic_needs says, or
  * source or target is neither float nor half, or both, or adds to anything but interleaved floats,
  * or promotes anything but interleaved halves.
- * Uses about 41 KiB of stack. RT-safe.
+ * Uses about 49 KiB of stack. RT-safe.
  */
 LS_MUST_CHECK enum ls_err ls_demosaic(const struct ls_demosaic_source *source,
                                       struct ls_demosaic_region region,

@@ -41,19 +41,23 @@ struct around {
     floats c, h, v, x, hh, vv;
 };
 
-LANES_INLINE struct around look_around(const float *const r[LS_DEMOSAIC_ROWS], size_t p,
-                                       bool gradient)
+/* From two rows above to two below. */
+struct rows {
+    const float *north2, *north, *at, *south, *south2;
+};
+
+LANES_INLINE struct around look_around(struct rows r, size_t p, bool gradient)
 {
     struct around a = {
-        .c = lanes_load(r[2] + p),
-        .h = lanes_load(r[2] + p - 1) + lanes_load(r[2] + p + 1),
-        .v = lanes_load(r[1] + p) + lanes_load(r[3] + p),
-        .x = (lanes_load(r[1] + p - 1) + lanes_load(r[1] + p + 1)) +
-             (lanes_load(r[3] + p - 1) + lanes_load(r[3] + p + 1)),
+        .c = lanes_load(r.at + p),
+        .h = lanes_load(r.at + p - 1) + lanes_load(r.at + p + 1),
+        .v = lanes_load(r.north + p) + lanes_load(r.south + p),
+        .x = (lanes_load(r.north + p - 1) + lanes_load(r.north + p + 1)) +
+             (lanes_load(r.south + p - 1) + lanes_load(r.south + p + 1)),
     };
     if (gradient) {
-        a.hh = lanes_load(r[2] + p - 2) + lanes_load(r[2] + p + 2);
-        a.vv = lanes_load(r[0] + p) + lanes_load(r[4] + p);
+        a.hh = lanes_load(r.at + p - 2) + lanes_load(r.at + p + 2);
+        a.vv = lanes_load(r.north2 + p) + lanes_load(r.south2 + p);
     }
     return a;
 }
@@ -87,20 +91,51 @@ LANES_INLINE struct taps taps(bool green_first, bool gradient)
     return t;
 }
 
-LANES_INLINE struct colours filter(const struct ls_demosaic_line *l, size_t p, const struct taps *t,
-                                   enum ls_demosaic_filter kind)
+/* One of a line's rows. */
+struct row {
+    struct rows rows;
+    struct taps taps;
+    bool red_row;
+    void *plane[3];
+    const float *ratio;
+    const uint16_t *half_ratio;
+};
+
+LANES_INLINE struct row row_of(const struct ls_demosaic_line *l, enum ls_demosaic_filter kind,
+                               bool second)
+{
+    const float *const *row = l->row + second;
+    size_t step = second ? l->step : 0, ratio_step = second ? l->ratio_step : 0;
+    return (struct row){
+        .rows = {row[0], row[1], row[2], row[3], row[4]},
+        .taps = taps(l->green_first != second, kind == LS_DEMOSAIC_FILTER_GRADIENT),
+        .red_row = l->red_row != second,
+        .plane = {(char *)l->plane[0] + step, (char *)l->plane[1] + step,
+                  (char *)l->plane[2] + step},
+        .ratio = l->ratio ? l->ratio + ratio_step : NULL,
+        .half_ratio = l->half_ratio ? l->half_ratio + ratio_step : NULL,
+    };
+}
+
+LANES_INLINE struct colours filter(const struct row *l, size_t p, enum ls_demosaic_filter kind)
 {
     if (kind == LS_DEMOSAIC_FILTER_COPY) {
-        floats c = lanes_load(l->row[2] + p);
+        floats c = lanes_load(l->rows.at + p);
         return (struct colours){c, c, c};
     }
     bool gradient = kind == LS_DEMOSAIC_FILTER_GRADIENT;
-    struct around a = look_around(l->row, p, gradient);
-    floats own = a.h * 0.5f, green = (a.v + a.h) * 0.25f, other = a.v * t->v + a.x * t->x;
+    const struct taps *t = &l->taps;
+    struct around a = look_around(l->rows, p, gradient);
+    floats own = a.h * 0.5f, green = (a.v + a.h) * 0.25f, other = lanes_fma(a.x, t->x, a.v * t->v);
     if (gradient) {
-        own = (5 * a.c + 4 * a.h - a.x - a.hh + 0.5f * a.vv) * 0.125f;
-        green = (4 * a.c + 2 * (a.v + a.h) - (a.hh + a.vv)) * 0.125f;
-        other = a.c * t->c + other + a.hh * t->hh + a.vv * t->vv;
+        own = lanes_fma(a.h, lanes_all(0.5f), a.c * 0.625f);
+        own = lanes_fma(a.x + a.hh, lanes_all(-0.125f), own);
+        own = lanes_fma(a.vv, lanes_all(0.0625f), own);
+        green = lanes_fma(a.v + a.h, lanes_all(0.25f), a.c * 0.5f);
+        green = lanes_fma(a.hh + a.vv, lanes_all(-0.125f), green);
+        other = lanes_fma(a.c, t->c, other);
+        other = lanes_fma(a.hh, t->hh, other);
+        other = lanes_fma(a.vv, t->vv, other);
     }
     return (struct colours){.own = lanes_select(t->green, own, a.c),
                             .green = lanes_select(t->green, a.c, green),
@@ -149,17 +184,15 @@ LANES_INLINE void promote(uint16_t *to, const uint16_t *ratio, float gain, float
             to, promote_lanes(lanes_from_half(woven[k]) * gain, lanes_load_half(ratio), &finite));
 }
 
-/* The same where all of it lies in half's range, which costs the clamps nothing: what does not, and
- * what is no number, has the largest exponent to the end, whatever it is multiplied by. Those set
- * the first bits of @beyond. */
-LANES_INLINE void promote_within(uint16_t *to, const uint16_t *ratio, float gain, floats r,
-                                 floats g, floats b, halves *beyond)
+/* The same of woven halves where all of it lies in half's range, which costs the clamps nothing:
+ * what does not, and what is no number, has the largest exponent to the end, whatever it is
+ * multiplied by. *most: the largest magnitude so far. */
+LANES_INLINE void promote_within(uint16_t *to, const uint16_t *ratio, float gain,
+                                 const halves woven[3], halves *most)
 {
-    halves woven[3];
-    lanes_weave_half(lanes_to_half(r), lanes_to_half(g), lanes_to_half(b), woven);
     for (int k = 0; k < 3; k++, to += LANES, ratio += LANES) {
         halves v = lanes_to_half(lanes_from_half(woven[k]) * gain * lanes_load_half(ratio));
-        *beyond |= (v & 0x7fff) + 0x0400;
+        *most = lanes_max_half(*most, v & 0x7fff);
         lanes_store_half(to, v);
     }
 }
@@ -218,53 +251,87 @@ LANES_INLINE void put_rest(void *const plane[3], size_t p, size_t n, enum ls_dem
         memcpy((char *)plane[c] + p * each, buffer[c], n * each);
 }
 
-LANES_INLINE void run_line(const struct ls_demosaic_line *line, enum ls_demosaic_filter kind,
-                           enum ls_demosaic_form form)
+LANES_INLINE void run_row(const struct ls_demosaic_line *line, enum ls_demosaic_filter kind,
+                          enum ls_demosaic_form form, bool second)
 {
-    const struct ls_demosaic_line l = *line; /* a copy, which no output can be part of */
-    const struct taps t = taps(l.green_first, kind == LS_DEMOSAIC_FILTER_GRADIENT);
+    const struct row l = row_of(line, kind, second);
+    const size_t n = line->n;
+    const float scale = line->scale;
 
-    for (size_t p = 0; p < l.n; p += LANES) {
-        struct colours c = filter(&l, p, &t, kind);
+    for (size_t p = 0; p < n; p += LANES) {
+        struct colours c = filter(&l, p, kind);
         floats red = l.red_row ? c.own : c.other, blue = l.red_row ? c.other : c.own;
         const float *ratio = l.ratio ? l.ratio + 3 * p : NULL;
-        if (form == LS_DEMOSAIC_ADD && l.n - p >= LANES)
-            grow((float *)l.plane[0] + 3 * p, ratio, l.scale, red, c.green, blue);
+        if (form == LS_DEMOSAIC_ADD && n - p >= LANES)
+            grow((float *)l.plane[0] + 3 * p, ratio, scale, red, c.green, blue);
         else if (form == LS_DEMOSAIC_ADD)
-            grow_rest((float *)l.plane[0] + 3 * p, ratio, l.scale, l.n - p, red, c.green, blue);
-        else if (form == LS_DEMOSAIC_PROMOTED && l.n - p >= LANES)
-            promote((uint16_t *)l.plane[0] + 3 * p, l.half_ratio + 3 * p, l.scale, red, c.green,
+            grow_rest((float *)l.plane[0] + 3 * p, ratio, scale, n - p, red, c.green, blue);
+        else if (form == LS_DEMOSAIC_PROMOTED && n - p >= LANES)
+            promote((uint16_t *)l.plane[0] + 3 * p, l.half_ratio + 3 * p, scale, red, c.green,
                     blue);
         else if (form == LS_DEMOSAIC_PROMOTED)
-            promote_rest((uint16_t *)l.plane[0] + 3 * p, l.half_ratio + 3 * p, l.scale, l.n - p,
-                         red, c.green, blue);
-        else if (l.n - p >= LANES)
+            promote_rest((uint16_t *)l.plane[0] + 3 * p, l.half_ratio + 3 * p, scale, n - p, red,
+                         c.green, blue);
+        else if (n - p >= LANES)
             put(l.plane, p, form, red, c.green, blue);
         else
-            put_rest(l.plane, p, l.n - p, form, red, c.green, blue);
+            put_rest(l.plane, p, n - p, form, red, c.green, blue);
     }
 }
 
-/* Whole vectors of a promoted line. False: some of it lies beyond half's range, all of it is to be
- * made again. */
-LANES_INLINE bool run_within(const struct ls_demosaic_line *line, enum ls_demosaic_filter kind)
+LANES_INLINE void run_line(const struct ls_demosaic_line *line, enum ls_demosaic_filter kind,
+                           enum ls_demosaic_form form)
 {
-    const struct ls_demosaic_line l = *line;
-    const struct taps t = taps(l.green_first, kind == LS_DEMOSAIC_FILTER_GRADIENT);
-    halves beyond = {0};
+    run_row(line, kind, form, false);
+    if (line->two)
+        run_row(line, kind, form, true);
+}
 
-    if (l.n % LANES)
-        return false;
-    for (size_t p = 0; p < l.n; p += LANES) {
-        struct colours c = filter(&l, p, &t, kind);
-        floats red = l.red_row ? c.own : c.other, blue = l.red_row ? c.other : c.own;
-        promote_within((uint16_t *)l.plane[0] + 3 * p, l.half_ratio + 3 * p, l.scale, red, c.green,
-                       blue, &beyond);
+LANES_INLINE void weave_filtered(const struct row *l, size_t p, enum ls_demosaic_filter kind,
+                                 halves woven[3])
+{
+    struct colours c = filter(l, p, kind);
+    floats red = l->red_row ? c.own : c.other, blue = l->red_row ? c.other : c.own;
+    lanes_weave_half(lanes_to_half(red), lanes_to_half(c.green), lanes_to_half(blue), woven);
+}
+
+/* Whole vectors of promoted rows, each while the next is filtered: either waits long for itself.
+ * False: some of it lies beyond half's range, all of it is to be made again. */
+LANES_INLINE bool run_within(const struct ls_demosaic_line *line, enum ls_demosaic_filter kind,
+                             int n_rows)
+{
+    const struct row l[2] = {row_of(line, kind, false), row_of(line, kind, n_rows == 2)};
+    const size_t n = line->n;
+    const float gain = line->scale;
+    halves most = {0}, now[2][3], next[2][3];
+
+    for (int r = 0; r < n_rows; r++)
+        weave_filtered(&l[r], 0, kind, now[r]);
+    for (size_t p = LANES; p < n; p += LANES) {
+        for (int r = 0; r < n_rows; r++)
+            weave_filtered(&l[r], p, kind, next[r]);
+        for (int r = 0; r < n_rows; r++) {
+            size_t at = 3 * (p - LANES);
+            promote_within((uint16_t *)l[r].plane[0] + at, l[r].half_ratio + at, gain, now[r],
+                           &most);
+            for (int k = 0; k < 3; k++)
+                now[r][k] = next[r][k];
+        }
     }
-    uint16_t any = 0;
+    for (int r = 0; r < n_rows; r++)
+        promote_within((uint16_t *)l[r].plane[0] + 3 * (n - LANES),
+                       l[r].half_ratio + 3 * (n - LANES), gain, now[r], &most);
+    uint16_t beyond = 0;
     for (int k = 0; k < LANES; k++)
-        any |= beyond[k];
-    return any < 0x8000;
+        beyond |= most[k] >= 0x7c00;
+    return !beyond;
+}
+
+LANES_INLINE bool run_promoted(const struct ls_demosaic_line *line, enum ls_demosaic_filter kind)
+{
+    if (line->n % LANES || line->n == 0)
+        return false;
+    return line->two ? run_within(line, kind, 2) : run_within(line, kind, 1);
 }
 
 #define DEMOSAIC_FORMS(kind)                            \
@@ -285,7 +352,7 @@ LANES_INLINE bool run_within(const struct ls_demosaic_line *line, enum ls_demosa
         run_line(line, kind, LS_DEMOSAIC_ADD);          \
         return;                                         \
     case LS_DEMOSAIC_PROMOTED:                          \
-        if (!run_within(line, kind))                    \
+        if (!run_promoted(line, kind))                  \
             run_line(line, kind, LS_DEMOSAIC_PROMOTED); \
         return;                                         \
     }

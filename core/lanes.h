@@ -13,6 +13,7 @@
 
 #include "core/half.h"
 
+#include <math.h>
 #include <stdbool.h>
 #include <stdint.h>
 #include <string.h>
@@ -107,6 +108,11 @@ LANES_INLINE floats lanes_fma(floats a, floats b, floats c)
     return (floats)_mm512_fmadd_ps((__m512)a, (__m512)b, (__m512)c);
 }
 
+LANES_INLINE halves lanes_max_half(halves a, halves b)
+{
+    return (halves)_mm256_max_epu16((__m256i)a, (__m256i)b);
+}
+
 LANES_INLINE floats lanes_load_half(const uint16_t *p)
 {
     return (floats)_mm512_cvtph_ps(_mm256_loadu_si256((const __m256i *)p));
@@ -176,6 +182,11 @@ LANES_INLINE floats lanes_fma(floats a, floats b, floats c)
     return (floats)_mm256_fmadd_ps((__m256)a, (__m256)b, (__m256)c);
 }
 
+LANES_INLINE halves lanes_max_half(halves a, halves b)
+{
+    return (halves)_mm_max_epu16((__m128i)a, (__m128i)b);
+}
+
 LANES_INLINE floats lanes_load_half(const uint16_t *p)
 {
     return (floats)_mm256_cvtph_ps(_mm_loadu_si128((const __m128i *)p));
@@ -234,6 +245,18 @@ LANES_INLINE floats lanes_load_u16(const void *p)
     uint16_t v[LANES];
     memcpy(v, p, sizeof v);
     return (floats){v[0], v[1], v[2], v[3]};
+}
+
+LANES_INLINE floats lanes_fma(floats a, floats b, floats c)
+{
+    return (floats){fmaf(a[0], b[0], c[0]), fmaf(a[1], b[1], c[1]), fmaf(a[2], b[2], c[2]),
+                    fmaf(a[3], b[3], c[3])};
+}
+
+LANES_INLINE halves lanes_max_half(halves a, halves b)
+{
+    halves greater = (halves)(a > b);
+    return (a & greater) | (b & ~greater);
 }
 
 LANES_INLINE floats lanes_load_half(const uint16_t *p)
