@@ -2,33 +2,46 @@
 #include "core/half.h"
 #include "daemon/tiles_private.h"
 
-#include <math.h>
 #include <string.h>
 
-enum { SIDE = LS_EXR_TILE_PX };
+/* Several at once, as many as any processor takes. Bits of magnitudes order like the magnitudes;
+ * beyond infinity's they are no number. */
+typedef int16_t halves __attribute__((vector_size(16)));
+typedef int32_t floats __attribute__((vector_size(16)));
 
-/* Bits of magnitudes order like the magnitudes; beyond infinity's they are no number. */
+/* @n bytes: whole vectors. */
 static double most_of_halves(const uint8_t *bytes, size_t n)
 {
-    uint16_t most = 0;
-    for (size_t k = 0; k < n; k++) {
-        uint16_t bits;
-        memcpy(&bits, bytes + k * sizeof bits, sizeof bits);
-        bits &= 0x7fff;
-        most = bits > most && bits <= 0x7c00 ? bits : most;
+    halves most = {0};
+    int16_t bits = 0;
+    for (size_t k = 0; k < n; k += sizeof most) {
+        halves some, first;
+        memcpy(&some, bytes + k, sizeof some);
+        some &= 0x7fff;
+        first = (some > most) & (some <= 0x7c00);
+        most = (some & first) | (most & ~first);
     }
-    return (double)ls_half_to_float(most);
+    for (size_t k = 0; k < sizeof most / sizeof bits; k++)
+        bits = most[k] > bits ? most[k] : bits;
+    return (double)ls_half_to_float((uint16_t)bits);
 }
 
 static double most_of_floats(const uint8_t *bytes, size_t n)
 {
-    float most = 0;
-    for (size_t k = 0; k < n; k++) {
-        float v;
-        memcpy(&v, bytes + k * sizeof v, sizeof v);
-        most = fmaxf(most, fabsf(v)); /* that of a number and of none is the number */
+    floats most = {0};
+    int32_t bits = 0;
+    float value;
+    for (size_t k = 0; k < n; k += sizeof most) {
+        floats some, first;
+        memcpy(&some, bytes + k, sizeof some);
+        some &= 0x7fffffff;
+        first = (some > most) & (some <= 0x7f800000);
+        most = (some & first) | (most & ~first);
     }
-    return (double)most;
+    for (size_t k = 0; k < sizeof most / sizeof bits; k++)
+        bits = most[k] > bits ? most[k] : bits;
+    memcpy(&value, &bits, sizeof value);
+    return (double)value;
 }
 
 static bool leaves_out(struct ls_tiles *tiles, uint32_t i, double most)
@@ -52,8 +65,8 @@ bool ls_tiles_leaves_out(struct ls_tiles *tiles, uint32_t i)
 uint64_t ls_tiles_hash(struct ls_tiles *tiles, uint32_t i, const uint8_t *bytes)
 {
     size_t n = ls_tiles_tile_bytes(tiles);
-    bool out = tiles->max_error > 0 && leaves_out(tiles, i,
-                                                  tiles->half ? most_of_halves(bytes, n / 2)
-                                                              : most_of_floats(bytes, n / 4));
+    bool out =
+        tiles->max_error > 0 &&
+        leaves_out(tiles, i, tiles->half ? most_of_halves(bytes, n) : most_of_floats(bytes, n));
     return out ? 0 : ls_tile_hash(bytes, n);
 }
