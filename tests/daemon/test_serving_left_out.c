@@ -268,6 +268,47 @@ static void what_is_stored_as_dark_is_not_read(struct hall *hall, gconstpointer 
     }
 }
 
+/* ---- what a filter makes of it ---- */
+
+enum { IMPULSES = 12 };
+
+static void add_response(uint32_t at, enum ls_demosaic_method method, double *sum)
+{
+    float mosaic[IMPULSES * IMPULSES] = {0}, rgb[3 * IMPULSES * IMPULSES];
+    const struct ls_demosaic_region all = {0, 0, IMPULSES, IMPULSES};
+    const struct ls_demosaic_source source = {.data = mosaic,
+                                              .stride = IMPULSES,
+                                              .window = all,
+                                              .image_width = IMPULSES,
+                                              .image_height = IMPULSES,
+                                              .cfa = LS_CFA_RGGB};
+    const struct ls_demosaic_target target = {
+        .plane = {rgb, rgb + 1, rgb + 2}, .pixel_step = 3, .row_step = 3 * IMPULSES};
+    mosaic[at] = 1;
+    g_assert_cmpint(ls_demosaic(&source, all, method, &target), ==, LS_OK);
+    for (size_t k = 0; k < G_N_ELEMENTS(rgb); k++)
+        sum[k] += fabs((double)rgb[k]);
+}
+
+/* The most that samples of magnitude 1 can make: all their signs as they should be. */
+static double gain_of(enum ls_demosaic_method method)
+{
+    double sum[3 * IMPULSES * IMPULSES] = {0}, most = 0;
+    for (uint32_t at = 0; at < IMPULSES * IMPULSES; at++)
+        add_response(at, method, sum);
+    for (size_t k = 0; k < G_N_ELEMENTS(sum); k++)
+        most = fmax(most, sum[k]);
+    return most;
+}
+
+/* As the bounds of daemon/fetch_bounds.c take it; to the rounding of floats. */
+static void demosaicing_makes_at_most_two_and_a_half_times_as_much(struct hall *hall,
+                                                                   gconstpointer data)
+{
+    g_assert_cmpfloat_with_epsilon(gain_of(LS_DEMOSAIC_GRADIENT), 2.5, 1e-6);
+    g_assert_cmpfloat_with_epsilon(gain_of(LS_DEMOSAIC_BILINEAR), 1, 1e-6);
+}
+
 int main(int argc, char **argv)
 {
     g_test_init(&argc, &argv, NULL);
@@ -280,5 +321,7 @@ int main(int argc, char **argv)
     ADD("a-bound-that-is-none-is-refused", with_take, a_bound_that_is_none_is_refused);
     ADD("what-is-known-to-be-dark-is-not-made", with_take, what_is_known_to_be_dark_is_not_made);
     ADD("what-is-stored-as-dark-is-not-read", with_take, what_is_stored_as_dark_is_not_read);
+    ADD("demosaicing-makes-at-most-two-and-a-half-times-as-much", with_take,
+        demosaicing_makes_at_most_two_and_a_half_times_as_much);
     return g_test_run();
 }
