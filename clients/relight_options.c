@@ -1,7 +1,9 @@
 #include "clients/relight_options.h"
 
+#include "clients/kept_files.h"
 #include "clients/numbered_name.h"
 #include "clients/region_option.h"
+#include "clients/relight_text.h"
 
 #include <math.h>
 #include <stdlib.h>
@@ -164,6 +166,25 @@ static int set(struct ls_relight_options *out, int option)
     }
 }
 
+static int keep_lights(const struct ls_relight_options *options)
+{
+    struct ls_kept_files kept = {0};
+    int code = LS_EXIT_OK;
+    if (!ls_kept_files_init(&kept, options->lights, options->n_lights))
+        code = (ls_command_wrong("out of memory"), LS_EXIT_INTERNAL);
+    for (uint32_t k = 0; k < ls_relight_pictures(options) && !code; k++) {
+        char *exr = ls_relight_name(options->exr, k), *png = ls_relight_name(options->png, k);
+        if (exr)
+            code = ls_kept_files_check(&kept, "--output", exr);
+        if (png && !code)
+            code = ls_kept_files_check(&kept, "--png", png);
+        free(exr);
+        free(png);
+    }
+    ls_kept_files_finish(&kept);
+    return code;
+}
+
 /* What is left of the command line, and what does not go together. */
 static int check(int argc, char **argv, struct ls_relight_options *out)
 {
@@ -189,7 +210,7 @@ static int check(int argc, char **argv, struct ls_relight_options *out)
                                     "as in relit-%%02d.exr",
                                     name, ls_relight_pictures(out));
     }
-    return LS_EXIT_OK;
+    return keep_lights(out);
 }
 
 int ls_relight_options_parse(struct ls_command_context *context, int argc, char **argv,

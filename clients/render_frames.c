@@ -1,12 +1,12 @@
 #include "clients/render_frames.h"
 
 #include "clients/command.h"
+#include "clients/kept_files.h"
 #include "clients/numbered_name.h"
 
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
-#include <sys/stat.h>
 
 static bool take_number(const char **at, uint32_t *out)
 {
@@ -59,11 +59,21 @@ static int check(const char *const *lights, uint32_t n, const struct ls_frame_ra
     return LS_EXIT_OK;
 }
 
-static bool is_same_file(const char *a, const char *b)
+/* No frame takes the place of an environment, its own or another's. */
+static int keep_lights(const struct ls_render_frames *frames)
 {
-    struct stat of_a, of_b;
-    return !stat(a, &of_a) && !stat(b, &of_b) && of_a.st_dev == of_b.st_dev &&
-           of_a.st_ino == of_b.st_ino;
+    const char **lights = calloc(frames->n, sizeof *lights);
+    struct ls_kept_files kept = {0};
+    int code = LS_EXIT_OK;
+    for (uint32_t k = 0; k < frames->n && lights; k++)
+        lights[k] = frames->items[k].light;
+    if (!lights || !ls_kept_files_init(&kept, lights, frames->n))
+        code = (ls_command_wrong("out of memory"), LS_EXIT_INTERNAL);
+    for (uint32_t k = 0; k < frames->n && !code; k++)
+        code = ls_kept_files_check(&kept, "--output", frames->items[k].path);
+    ls_kept_files_finish(&kept);
+    free(lights);
+    return code;
 }
 
 int ls_render_frames_make(const char *const *lights, uint32_t n, const struct ls_frame_range *range,
@@ -83,12 +93,9 @@ int ls_render_frames_make(const char *const *lights, uint32_t n, const struct ls
         frame->path = ls_name_numbered(output, frame->number);
         if (!frame->light || !frame->path)
             break;
-        if (is_same_file(frame->light, frame->path))
-            return ls_command_wrong("--output %s: that is the environment, which is kept",
-                                    frame->path);
     }
     bool whole = out->items && out->n == n_frames && out->items[n_frames - 1].path;
-    return whole ? LS_EXIT_OK : (ls_command_wrong("out of memory"), LS_EXIT_INTERNAL);
+    return whole ? keep_lights(out) : (ls_command_wrong("out of memory"), LS_EXIT_INTERNAL);
 }
 
 void ls_render_frames_finish(struct ls_render_frames *frames)

@@ -38,8 +38,8 @@ bool ls_turn_range_option(const char *text, double out[2]);
  * each of @range; one without is the same for all of it; several are a frame each, numbered from 1
  * or by
  * @range. The environment turns evenly from turn[0] at the first frame to turn[1] at the last.
- * @output: the frames' names, with a number where there are several. LS_EXIT_OK or the exit code,
- * said already; finish in any case.
+ * @output: the frames' names, with a number where there are several; no environment is one of
+ * them. LS_EXIT_OK or the exit code, said already; finish in any case.
  */
 int ls_render_frames_make(const char *const *lights, uint32_t n, const struct ls_frame_range *range,
                           const double turn[2], const char *output, struct ls_render_frames *out);

@@ -4,6 +4,7 @@
 #include <stdio.h>
 #include <string.h>
 #include <sys/wait.h>
+#include <unistd.h>
 
 static void wrong_command_lines_end_with_2_and_a_sentence(void)
 {
@@ -72,6 +73,40 @@ static void wrong_command_lines_end_with_2_and_a_sentence(void)
     };
     for (size_t i = 0; i < G_N_ELEMENTS(cases); i++)
         expect("/nonexistent/socket", cases[i].line, 2, cases[i].sentence);
+}
+
+static void what_a_picture_is_lit_with_is_not_written_over(void)
+{
+    static const char *const lines[] = {
+        "relight x %s/1.hdr --output %s/1.hdr",
+        "relight x %s/1.hdr --output %s/none.exr --png %s/1.hdr",
+        "relight x %s/1.hdr --output %s/link.exr",
+        "relight x %s/2.hdr %s/1.hdr --output %s/%%d.hdr",
+        "relight x --weights %s/1.hdr --output %s/1.hdr",
+    };
+    char *folder = g_dir_make_tmp("kept-XXXXXX", NULL), *bytes = NULL;
+    char *path[3] = {g_build_filename(folder, "1.hdr", NULL),
+                     g_build_filename(folder, "2.hdr", NULL),
+                     g_build_filename(folder, "link.exr", NULL)};
+    g_assert_true(g_file_set_contents(path[0], "light", -1, NULL));
+    g_assert_true(g_file_set_contents(path[1], "light", -1, NULL));
+    g_assert_cmpint(symlink("1.hdr", path[2]), ==, 0);
+    for (size_t i = 0; i < G_N_ELEMENTS(lines); i++) {
+        GString *line = g_string_new(lines[i]);
+        g_string_replace(line, "%s", folder, 0);
+        g_string_replace(line, "%%", "%", 0);
+        expect("/nonexistent/socket", line->str, 2, "lit with, which is kept");
+        g_string_free(line, TRUE);
+    }
+    g_assert_true(g_file_get_contents(path[0], &bytes, NULL, NULL));
+    g_assert_cmpstr(bytes, ==, "light");
+    for (size_t i = 0; i < G_N_ELEMENTS(path); i++) {
+        g_assert_cmpint(unlink(path[i]), ==, 0);
+        g_free(path[i]);
+    }
+    g_assert_cmpint(rmdir(folder), ==, 0);
+    g_free(folder);
+    g_free(bytes);
 }
 
 static void every_command_explains_itself(void)
@@ -186,6 +221,8 @@ int main(int argc, char **argv)
     }
     g_test_add_func("/lightstagectl/wrong-command-lines-end-with-2-and-a-sentence",
                     wrong_command_lines_end_with_2_and_a_sentence);
+    g_test_add_func("/lightstagectl/what-a-picture-is-lit-with-is-not-written-over",
+                    what_a_picture_is_lit_with_is_not_written_over);
     g_test_add_func("/lightstagectl/every-command-explains-itself", every_command_explains_itself);
     g_test_add_func("/lightstagectl/an-answer-nobody-can-read-is-no-success",
                     an_answer_nobody_can_read_is_no_success);

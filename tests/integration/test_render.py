@@ -180,7 +180,8 @@ def test_a_killed_render_leaves_no_half_frame_and_goes_on(folder):
 def test_wrong_words_and_files_are_refused_with_what_to_do(folder):
     rig = harness.twelve(folder).start()
     take = rig.start_take("refused", harness.PLAN)
-    sky(rig, 1, 1)
+    for number in (1, 2):
+        sky(rig, number, number)
     where = ("--socket", rig.path("socket"))
     good = (rig.path("sky.0001.hdr"), "--output", rig.path("one.exr"), *where)
     for sentence, words in (
@@ -190,7 +191,9 @@ def test_wrong_words_and_files_are_refused_with_what_to_do(folder):
             ("--rotate 5: expected degrees FROM,TO", (take, *good, "--rotate", "5")),
             ("--jobs 0: expected 1 to 16", (take, *good, "--jobs", "0")),
             ("--output FOLDER/NAME", (take, good[0])),
-            ("the environment, which is kept", (take, good[0], "--output", good[0], *where)),
+            ("lit with, which is kept", (take, good[0], "--output", good[0], *where)),
+            ("lit with, which is kept", (take, rig.path("sky.0002.hdr"), good[0], "--output",
+                                         rig.path("sky.%04d.hdr"), *where)),
             ("absent.hdr", (take, rig.path("absent.hdr"), *good[1:])),
             ("No such file", (take, good[0], "--output", rig.path("no/one.exr"), *where)),
             ("20000101T000000Z-x-000000", ("20000101T000000Z-x-000000", *good)),
