@@ -15,7 +15,7 @@
 #ifndef LS_DAEMON_PLAN_CUSTOM_H
 #define LS_DAEMON_PLAN_CUSTOM_H
 
-#include "daemon/plan_conditions.h"
+#include "daemon/plan_builder.h"
 
 /** Read `custom`, if the plan has it. Errors stick to @conf and name line and column, or the item
  * and its key, what was expected and what was found. */

@@ -1,6 +1,6 @@
 #include "daemon/plan_load.h"
 
-#include "daemon/plan_conditions.h"
+#include "daemon/plan_builder.h"
 
 #include <math.h>
 #include <stdlib.h>

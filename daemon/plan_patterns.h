@@ -8,7 +8,7 @@
 #ifndef LS_DAEMON_PLAN_PATTERNS_H
 #define LS_DAEMON_PLAN_PATTERNS_H
 
-#include "daemon/plan_conditions.h"
+#include "daemon/plan_builder.h"
 
 /** The lights in @count groups of neighbours (core/segments.h): "segment-R-03" of "segments-14". */
 void ls_plan_add_segments(struct ls_conf *conf, const struct ls_plan_entry *entry, uint32_t count);
