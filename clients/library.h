@@ -61,9 +61,10 @@ void *ls_library_keep(const struct ls_reply *reply, size_t bytes, struct lightst
 /** NULL is allowed. */
 void ls_library_release(void *kept);
 
-/** Memory of @bytes behind @fd, read-only, munmap; NULL: it may change its length, or is shorter.
- */
-const void *ls_library_map(int fd, uint64_t bytes);
+/** The first @bytes of the memory behind @fd, read-only, munmap; if it has @seals (F_SEAL_*: what
+ * nobody can do to it any more) and is as long. LIGHTSTAGE_STRANGE, LIGHTSTAGE_NO_MEMORY. */
+uint32_t ls_library_map(int fd, uint64_t bytes, int seals, const void **out,
+                        struct lightstage_error *error);
 
 /** What a caller gets of a reply, by ls_library_keep; NULL: @error says why. */
 typedef void *ls_make_kept(const struct ls_reply *reply, struct lightstage_error *error);

@@ -1,11 +1,15 @@
 /* Memory that the daemon shares: pictures, and the frames of a camera. */
 #include "clients/library.h"
 
+#include <errno.h>
 #include <fcntl.h>
 #include <stdatomic.h>
 #include <string.h>
 #include <sys/mman.h>
 #include <sys/stat.h>
+
+/* The daemon writes on, and nobody else begins to. */
+enum { RING_SEALS = F_SEAL_SHRINK | F_SEAL_GROW | F_SEAL_FUTURE_WRITE };
 
 /* proto/PROTOCOL.md, Ring: behind index_at. */
 struct entry {
@@ -20,15 +24,28 @@ struct ring_index {
     struct entry entry[];
 };
 
-const void *ls_library_map(int fd, uint64_t bytes)
+uint32_t ls_library_map(int fd, uint64_t bytes, int seals, const void **out,
+                        struct lightstage_error *error)
 {
     struct stat info;
-    int seals = fcntl(fd, F_GET_SEALS);
-    if (seals < 0 || !(seals & F_SEAL_SHRINK) || fstat(fd, &info) ||
-        (uint64_t)info.st_size < bytes || !bytes)
-        return NULL;
-    void *memory = mmap(NULL, bytes, PROT_READ, MAP_SHARED, fd, 0);
-    return memory == MAP_FAILED ? NULL : memory;
+    int has = fcntl(fd, F_GET_SEALS);
+    if (has < 0 || (has & seals) != seals)
+        return ls_library_fail(error, LIGHTSTAGE_STRANGE,
+                               "the daemon's shared memory may change under its reader: its seals "
+                               "are %#x, expected %#x",
+                               has < 0 ? 0U : (unsigned)has, (unsigned)seals);
+    if (fstat(fd, &info) || !bytes || (uint64_t)info.st_size < bytes)
+        return ls_library_fail(error, LIGHTSTAGE_STRANGE,
+                               "the daemon's shared memory is shorter than the %llu bytes that it "
+                               "speaks of",
+                               (unsigned long long)bytes);
+    *out = mmap(NULL, bytes, PROT_READ, MAP_SHARED, fd, 0);
+    if (*out != MAP_FAILED)
+        return 0;
+    *out = NULL;
+    return ls_library_fail(error, LIGHTSTAGE_NO_MEMORY,
+                           "the daemon's shared memory, %llu bytes, cannot be mapped: %s",
+                           (unsigned long long)bytes, strerror(errno));
 }
 
 static const struct ring_index *index_of(const struct lightstage_ring *ring)
@@ -36,7 +53,7 @@ static const struct ring_index *index_of(const struct lightstage_ring *ring)
     return (const struct ring_index *)(const void *)((const char *)ring->memory + ring->index_at);
 }
 
-static bool is_whole(const struct lightstage_ring *ring)
+static bool fits(const struct lightstage_ring *ring)
 {
     uint64_t slots = 0, end = 0;
     return ring->payload_bytes <= ring->stride &&
@@ -46,6 +63,12 @@ static bool is_whole(const struct lightstage_ring *ring)
                                    sizeof(struct ring_index) + ring->slots * sizeof(struct entry),
                                    &end) &&
            end <= ring->bytes;
+}
+
+static uint32_t strange_ring(struct lightstage_error *error)
+{
+    return ls_library_fail(error, LIGHTSTAGE_STRANGE,
+                           "the daemon's ring of frames is not laid out as it says");
 }
 
 static void *make_ring(const struct ls_reply *reply, struct lightstage_error *error)
@@ -66,12 +89,14 @@ static void *make_ring(const struct ls_reply *reply, struct lightstage_error *er
         .index_at = r->index_at,
         .bytes = r->bytes,
     };
-    if (is_whole(ring))
-        ring->memory = ls_library_map(fd, ring->bytes);
-    if (ring->memory && !memcmp(index_of(ring)->magic, "LSRING 1", 8))
+    uint32_t number = !fits(ring)
+                          ? strange_ring(error)
+                          : ls_library_map(fd, ring->bytes, RING_SEALS, &ring->memory, error);
+    if (!number && memcmp(index_of(ring)->magic, "LSRING 1", 8))
+        number = strange_ring(error);
+    if (!number)
         return ring;
     lightstage_ring_free(ring);
-    ls_library_fail(error, LIGHTSTAGE_STRANGE, "the daemon's ring of frames cannot be used");
     return NULL;
 }
 

@@ -1,8 +1,10 @@
 /* Fetch in whole tiles. */
 #include "clients/library_pictures.h"
 
+#include <fcntl.h>
 #include <sys/mman.h>
 
+enum { TILE_SEALS = F_SEAL_SHRINK | F_SEAL_GROW | F_SEAL_WRITE };
 enum { SIDE = 64, SHARED_AT_ONCE = 256 << 20 /* bytes of memory; as the daemon keeps */ };
 
 struct tiles_call {
@@ -69,10 +71,11 @@ static uint32_t take_tiles(const struct ls_reply *reply, void *user, struct ligh
     if (!fits(r, bytes, reply->payload_bytes))
         return ls_library_fail(error, LIGHTSTAGE_STRANGE,
                                "the daemon sent tiles that do not fit the picture");
-    const void *mapped = r->memfd ? ls_library_map(reply->fd, r->memfd_bytes) : NULL;
-    if (r->memfd && !mapped)
-        return ls_library_fail(error, LIGHTSTAGE_STRANGE,
-                               "the daemon's shared memory cannot be used");
+    const void *mapped = NULL;
+    uint32_t number =
+        r->memfd ? ls_library_map(reply->fd, r->memfd_bytes, TILE_SEALS, &mapped, error) : 0;
+    if (number)
+        return number;
     int stop = hand_tiles(call, r, mapped ? mapped : reply->payload, bytes, &seen);
     if (mapped)
         munmap((void *)mapped, r->memfd_bytes);

@@ -1,5 +1,6 @@
 #!/usr/bin/python3 -B
 """The Python package against bytes that are written down, or that a script sends: no daemon."""
+import fcntl
 import functools
 import os
 import random
@@ -21,7 +22,9 @@ import lightstage  # noqa: E402
 import wire  # noqa: E402
 from lightstage import connection, messages  # noqa: E402
 from lightstage.factored import expand  # noqa: E402
+from lightstage.ring import Ring  # noqa: E402
 from lightstage.stage import Stage  # noqa: E402
+from lightstage.tiles import mapped  # noqa: E402
 
 # protobuf has no types on Debian, and what protoc writes is protoc's
 MYPY = """[mypy]
@@ -199,6 +202,40 @@ def test_pictures_are_received_into_the_callers_array_or_it_is_refused(folder):
             else:
                 raise AssertionError("taken")
         assert fetch(out).lights == [7, 2]  # and the connection goes on
+
+
+def test_shared_memory_that_could_change_or_is_too_short_is_refused(folder):
+    lengths, future_write = fcntl.F_SEAL_SHRINK | fcntl.F_SEAL_GROW, 0x10
+    tile = messages.FetchReply(width=64, height=64, components=1, tile=[0], tile_hash=[1], memfd=True,
+                               memfd_bytes=64 * 64 * 4)
+    ring = messages.RingReply(slots=1, stride=4096, payload_bytes=4096, index_at=4096, bytes=8192)
+    head = b"LSRING 1" + b"".join(n.to_bytes(8, "little") for n in (1, 4096, 4096))
+
+    def tiles(fds):
+        return mapped(tile, fds).ravel().tolist() == 4096 * [0]
+
+    def frames(fds):
+        return Ring(ring, fds).newest() is None
+
+    for read, size, seals, sentence in (
+            (tiles, 16384, lengths | fcntl.F_SEAL_WRITE, None),
+            (tiles, 16384, 0, "its seals are 0x0, expected 0xe"),
+            (tiles, 16384, lengths, "its seals are 0x6, expected 0xe"),
+            (tiles, 16383, lengths | fcntl.F_SEAL_WRITE, "shorter than the 16384 bytes"),
+            (frames, 8192, lengths | future_write, None),
+            (frames, 8192, lengths, "its seals are 0x6, expected 0x16"),
+            (frames, 8191, lengths | future_write, "shorter than the 8192 bytes")):
+        memory = os.memfd_create("test", os.MFD_ALLOW_SEALING)
+        os.pwrite(memory, head, 4096 if read is frames else size)
+        os.truncate(memory, size)
+        fcntl.fcntl(memory, fcntl.F_ADD_SEALS, seals)
+        fds = [memory]
+        try:
+            assert read(fds) and not sentence, (seals, size)
+        except lightstage.Error as said:
+            assert sentence and sentence in str(said), said
+        finally:
+            connection.close_all(fds)
 
 
 def test_a_connection_that_ends_is_lost_and_a_silent_one_times_out(folder):

@@ -1,5 +1,5 @@
 """The memory that a camera's frames land in, while a take runs."""
-import mmap
+import fcntl
 import os
 import struct
 from typing import List, NamedTuple, Optional
@@ -9,8 +9,10 @@ import numpy as np
 from . import lightstage_pb2 as messages
 from .arrays import Array
 from .errors import Error
+from .shared import memory_of
 
 HEAD = struct.Struct("<8sIIQQ")  # magic, slots, 0, stride, payload_bytes
+SEALS = fcntl.F_SEAL_SHRINK | fcntl.F_SEAL_GROW | 0x10  # FUTURE_WRITE, which Python does not know
 ENTRIES = 64 // 8  # of the index, in words of 64 bits: change and number of each slot
 
 
@@ -26,15 +28,13 @@ class Ring:
     def __init__(self, report: messages.RingReply, fds: List[int]):
         self.report = report
         try:
-            if len(fds) != 1 or os.fstat(fds[0]).st_size < report.bytes:
-                raise Error("the daemon's ring of frames cannot be used")
-            self._memory = mmap.mmap(fds[0], report.bytes, prot=mmap.PROT_READ)
+            self._memory = memory_of(fds, report.bytes, SEALS)
         finally:
             while fds:
                 os.close(fds.pop())
         if HEAD.unpack_from(self._memory, report.index_at) != (
                 b"LSRING 1", report.slots, 0, report.stride, report.payload_bytes):
-            raise Error("the daemon's ring of frames cannot be used")
+            raise Error("the daemon's ring of frames is not laid out as it says")
         self._index = np.frombuffer(self._memory, "<u8", ENTRIES + 2 * report.slots,
                                     report.index_at)
 

@@ -1,6 +1,6 @@
 """Tiles of 64 x 64 pixels: each comes once, and again only when it has changed; or in shared memory."""
 import dataclasses
-import mmap
+import fcntl
 import os
 from typing import Any, Iterator, List, Optional
 
@@ -9,10 +9,11 @@ import numpy as np
 from . import lightstage_pb2 as messages
 from .arrays import Array, place_in, room
 from .connection import tiles_sent
-from .errors import Error
 from .field import dtype_of, which_of
+from .shared import memory_of
 
 SIDE = 64
+SEALS = fcntl.F_SEAL_SHRINK | fcntl.F_SEAL_GROW | fcntl.F_SEAL_WRITE
 
 
 class Grid:
@@ -124,9 +125,7 @@ class Shared:
 
 def mapped(reply: messages.FetchReply, fds: List[int]) -> Array:
     """All tiles of the picture whose memory came with a frame."""
-    if len(fds) != 1:
-        raise Error(f"{len(fds)} descriptors came with a frame that says memfd")
-    memory = mmap.mmap(fds[0], reply.memfd_bytes, prot=mmap.PROT_READ)
+    memory = memory_of(fds, reply.memfd_bytes, SEALS)
     return np.frombuffer(memory, dtype_of(reply)).reshape(-1, SIDE, SIDE, reply.components)
 
 
