@@ -149,10 +149,13 @@ static int run_on(struct ls_command_context *context, struct ls_render_options *
                   struct ls_render_serve *serve)
 {
     struct ls_take_document *document = NULL;
-    if (ls_render_is_folder(options->relight.take)) {
-        enum ls_err err = ls_render_serve_start(options->relight.take, serve, &context->diag);
-        if (err)
-            return ls_command_failed(context, err);
+    bool folder = false;
+    enum ls_err err = ls_render_is_folder(options->relight.take, &folder, &context->diag);
+    if (folder)
+        err = ls_render_serve_start(options->relight.take, serve, &context->diag);
+    if (err)
+        return ls_command_failed(context, err);
+    if (folder) {
         context->socket_path = serve->socket;
         context->server = NULL;
         options->relight.take = serve->take;

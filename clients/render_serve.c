@@ -13,12 +13,29 @@
 #include <sys/wait.h>
 #include <unistd.h>
 
-bool ls_render_is_folder(const char *take)
+#define A_TAKES_NAME "20260102T030405Z-vase-a1b2c3"
+
+/* Does it begin with a date, as A_TAKES_NAME? */
+static bool is_dated(const char *name)
+{
+    return strspn(name, "0123456789") == 8 && name[8] == 'T';
+}
+
+enum ls_err ls_render_is_folder(const char *take, bool *out, struct ls_diag *diag)
 {
     char path[PATH_MAX];
     struct stat info;
     int n = snprintf(path, sizeof path, "%s/take.json", take);
-    return n < (int)sizeof path && stat(path, &info) == 0;
+    *out = n < (int)sizeof path && stat(path, &info) == 0;
+    if (*out || (!strchr(take, '/') && is_dated(take)))
+        return LS_OK;
+    if (stat(take, &info) == 0)
+        return ls_fail(diag, LS_ERR_INVALID,
+                       "%s: no take.json in it: expected the folder of a take", take);
+    return ls_fail(diag, LS_ERR_INVALID, "%s: no such folder%s", take,
+                   strchr(take, '/') ? ""
+                                     : ", nor the name of a take, as " A_TAKES_NAME
+                                       "; lightstagectl take list tells those of the daemon");
 }
 
 /* The daemon's configuration, in memory: nothing to clean up. */
@@ -116,9 +133,12 @@ enum ls_err ls_render_serve_start(const char *take, struct ls_render_serve *out,
     if (!realpath(take, folder))
         return ls_fail(diag, LS_ERR_INVALID, "%s: %s", take, strerror(errno));
     char *slash = strrchr(folder, '/');
-    if (!slash[1] ||
+    if (!is_dated(slash + 1) ||
         snprintf(out->take, sizeof out->take, "%s", slash + 1) >= (int)sizeof out->take)
-        return ls_fail(diag, LS_ERR_INVALID, "%s: that is no name of a take", take);
+        return ls_fail(diag, LS_ERR_INVALID,
+                       "%s: the folder of a take has the take's name, as " A_TAKES_NAME
+                       ": rename it back",
+                       take);
     slash[slash == folder] = '\0';
     snprintf(out->folder, sizeof out->folder, "/tmp/lightstage-render-XXXXXX");
     if (!mkdtemp(out->folder)) {

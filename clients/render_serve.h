@@ -20,8 +20,9 @@ struct ls_render_serve {
     pid_t child;     /* 0: none */
 };
 
-/** Is @take a folder with a take in it, rather than a take's name? */
-bool ls_render_is_folder(const char *take);
+/** Is @take a take's folder (*out), rather than a take's name? Errors: LS_ERR_INVALID: it is
+ * neither, and the sentence says what is wrong with it. */
+LS_MUST_CHECK enum ls_err ls_render_is_folder(const char *take, bool *out, struct ls_diag *diag);
 
 /** Serve the take in folder @take. Errors: LS_ERR_INVALID, LS_ERR_NOT_FOUND (no lightstaged beside
  * this program or in PATH), LS_ERR_OS (with what the daemon said). Stop it in any case. */

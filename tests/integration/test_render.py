@@ -50,6 +50,9 @@ def test_a_daemon_without_a_rig_serves_takes_and_refuses_what_needs_one(folder):
     subprocess.run([sys.executable, "-B", EXAMPLE, take, rig.path("example.png")], check=True, timeout=60,
                    env={**os.environ, "LIGHTSTAGED_SOCKET": rig.path("serve"),
                         "PYTHONPATH": os.path.join(harness.BUILD, "clients", "python")})
+    bare = subprocess.run([sys.executable, "-B", EXAMPLE], capture_output=True, text=True, check=False,
+                          env={**os.environ, "PYTHONPATH": os.path.join(harness.BUILD, "clients", "python")})
+    assert bare.returncode == 1 and bare.stderr.endswith("Usage: relight.py TAKE PICTURE.png\n"), bare
     plan = rig.path("plan.conf")
     for words in (("blank",), ("preflight", "--plan", plan), ("take", "start", "--name", "x", "--plan", plan),
                   ("take", "resume", take)):
@@ -183,6 +186,8 @@ def test_wrong_words_and_files_are_refused_with_what_to_do(folder):
     for number in (1, 2):
         sky(rig, number, number)
     where = ("--socket", rig.path("socket"))
+    os.makedirs(rig.path("renamed"))
+    os.link(rig.path(os.path.join("takes", take, "take.json")), rig.path("renamed/take.json"))
     good = (rig.path("sky.0001.hdr"), "--output", rig.path("one.exr"), *where)
     for sentence, words in (
             ("--frames FIRST-LAST", (take, rig.path("sky.%04d.hdr"), *good[1:])),
@@ -194,6 +199,10 @@ def test_wrong_words_and_files_are_refused_with_what_to_do(folder):
             ("lit with, which is kept", (take, good[0], "--output", good[0], *where)),
             ("lit with, which is kept", (take, rig.path("sky.0002.hdr"), good[0], "--output",
                                          rig.path("sky.%04d.hdr"), *where)),
+            ("away: no such folder", (rig.path("away"), *good[:3])),
+            ("awry: no such folder, nor the name of a take, as 2026", ("awry", *good)),
+            ("no take.json in it", (rig.path("takes"), *good[:3])),
+            ("has the take's name, as 2026", (rig.path("renamed"), *good[:3])),
             ("absent.hdr", (take, rig.path("absent.hdr"), *good[1:])),
             ("No such file", (take, good[0], "--output", rig.path("no/one.exr"), *where)),
             ("20000101T000000Z-x-000000", ("20000101T000000Z-x-000000", *good)),

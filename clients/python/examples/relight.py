@@ -1,9 +1,11 @@
 #!/usr/bin/python3
-"""The take under white light from camera left: relight.py TAKE PICTURE.png"""
+"""The take under white light from camera left. Usage: relight.py TAKE PICTURE.png"""
 import sys
 import lightstage
 import numpy as np
 
+if len(sys.argv) != 3:
+    sys.exit(__doc__)
 with lightstage.connect() as stage:
     about = stage.show(take := sys.argv[1])
     positions = np.array(about["rig"]["lights"]["position_m"])
