@@ -2,11 +2,10 @@
 
 #include "core/mono_blend.h"
 #include "core/relight.h"
-#include "daemon/light_set.h"
 #include "daemon/linear_check.h"
+#include "daemon/segment_noise.h"
 #include "daemon/segment_sums.h"
 
-#include <math.h>
 #include <stdlib.h>
 
 enum { PIECE_PX = 128, LEAST_PX = 16, HALO_PX = LS_LINEAR_HALO_PX };
@@ -24,19 +23,14 @@ struct errors {
     struct ls_linear_error left_out, checked, highlights;
 };
 
-/* Noise of a target's sums. */
-struct noises {
-    struct ls_linear_noise *v, *f, total; /* [n_segments] */
-};
-
 /* Everything one pass over the field needs. */
 struct pass {
     const struct ls_linear_job *job;
     uint32_t colours, n_in, piece_px, n_pieces; /* across the picture */
     struct ls_segment_sums sums;
-    uint32_t y0, y1;      /* the band to be fitted */
-    struct noises *noise; /* [sums.n] */
-    struct room *rooms;   /* [n_threads] */
+    uint32_t y0, y1;                /* the band to be fitted */
+    struct ls_segment_noise *noise; /* [sums.n] */
+    struct room *rooms;             /* [n_threads] */
     unsigned n_rooms;
     struct errors *errors; /* [sums.n][n_pieces] of a band */
 };
@@ -49,54 +43,6 @@ static uint32_t above(uint32_t y, uint32_t halo)
 static uint32_t below(uint32_t y, uint32_t halo, uint32_t height)
 {
     return height - y > halo ? y + halo : height;
-}
-
-/* ---- noise ---- */
-
-static struct ls_linear_noise noise_of(const struct ls_field *field, const float *row, uint32_t n)
-{
-    double squares = 0, sum = 0, largest = 0;
-    for (uint32_t j = 0; j < n; j++) {
-        squares += (double)row[j] * (double)row[j];
-        sum += (double)row[j];
-        largest = fmax(largest, (double)row[j]);
-    }
-    return (struct ls_linear_noise){field->noise.read_variance * squares +
-                                        field->noise.dark_variance * sum * sum,
-                                    field->noise.shot * largest};
-}
-
-/* Of V under @w: multiplexed pictures have the shot noise of every light, all taken to be alike. */
-static struct ls_linear_noise v_noise_of(const struct ls_linear_job *job, const double *w,
-                                         const float *row)
-{
-    const struct ls_light_set *set = job->set[0];
-    struct ls_linear_noise noise = noise_of(job->field, row, set->n_pictures);
-    if (ls_light_set_is_multiplexed(set))
-        noise.shot = job->field->noise.shot * ls_light_set_shot(set, w, job->field->n_lights, row);
-    return noise;
-}
-
-static enum ls_err noises_init(struct noises *noise, const struct ls_linear_job *job,
-                               const struct ls_linear_target *target, struct ls_diag *diag)
-{
-    LS_CLEANUP_FREE double *w = malloc(job->field->n_lights * sizeof *w);
-    LS_CLEANUP_FREE float *row = malloc(job->set[0]->n_pictures * sizeof *row);
-    enum ls_err err = LS_OK;
-    noise->v = calloc(job->n_segments, sizeof *noise->v);
-    noise->f = calloc(job->n_segments, sizeof *noise->f);
-    if (!w || !row || !noise->v || !noise->f)
-        return ls_fail(diag, LS_ERR_NOMEM, "out of memory for %u segments", job->n_segments);
-    for (uint32_t q = 0; q < job->n_segments && !err; q++) {
-        float factor = (float)target->factor[q];
-        err = ls_segment_row(job, target, 0, q, -1, w, row, diag);
-        noise->v[q] = v_noise_of(job, w, row);
-        noise->f[q] = noise_of(job->field, &factor, 1);
-    }
-    if (!err)
-        err = ls_segment_row(job, target, 0, UINT32_MAX, -1, w, row, diag);
-    noise->total = v_noise_of(job, w, row);
-    return err;
 }
 
 /* ---- life ---- */
@@ -146,10 +92,8 @@ static enum ls_err room_init(struct room *room, const struct pass *pass)
 
 static void pass_finish(struct pass *pass)
 {
-    for (uint32_t t = 0; pass->noise && t < pass->sums.n; t++) {
-        free(pass->noise[t].v);
-        free(pass->noise[t].f);
-    }
+    for (uint32_t t = 0; pass->noise && t < pass->sums.n; t++)
+        ls_segment_noise_finish(&pass->noise[t]);
     for (unsigned k = 0; pass->rooms && k < pass->n_rooms; k++) {
         free(pass->rooms[k].memory);
         free(pass->rooms[k].v);
@@ -174,7 +118,8 @@ static enum ls_err allocate(struct pass *pass, struct ls_diag *diag)
     if (!pass->noise || !pass->rooms || !pass->errors)
         return ls_fail(diag, LS_ERR_NOMEM, "out of memory for a fit");
     for (uint32_t t = 0; t < n && !err; t++)
-        err = noises_init(&pass->noise[t], job, &job->targets[pass->sums.first + t], diag);
+        err =
+            ls_segment_noise_init(&pass->noise[t], job, &job->targets[pass->sums.first + t], diag);
     for (unsigned k = 0; k < pass->n_rooms && !err; k++)
         if (room_init(&pass->rooms[k], pass))
             err = ls_fail(diag, LS_ERR_NOMEM, "out of memory for a fit on %u segments",
@@ -298,7 +243,7 @@ static enum ls_err fit_matrices(const struct pass *pass, const struct room *room
                                 struct ls_diag *diag)
 {
     const struct ls_linear_job *job = pass->job;
-    const struct noises *noise = &pass->noise[piece->t];
+    const struct ls_segment_noise *noise = &pass->noise[piece->t];
     struct ls_linear_options options;
     const struct ls_linear_pictures pictures = {.width = piece->padded.width,
                                                 .height = piece->padded.height,
@@ -327,7 +272,7 @@ static enum ls_err blend_ratios(const struct pass *pass, const struct room *room
                                 struct ls_diag *diag)
 {
     const struct ls_linear_job *job = pass->job;
-    const struct noises *noise = &pass->noise[piece->t];
+    const struct ls_segment_noise *noise = &pass->noise[piece->t];
     const struct ls_mono_blend_pictures pictures = {
         .width = piece->padded.width,
         .height = piece->padded.height,
