@@ -292,6 +292,7 @@ static void read_daemon(struct ls_conf *c, struct ls_config *config, const char 
         (uint64_t)ls_conf_int(c, "reserve_bytes", 64 << 20, 0, INT64_C(1) << 50);
     config->max_connections = (uint32_t)ls_conf_int(c, "max_connections", 128, 1, 4096);
     config->max_connections_each = (uint32_t)ls_conf_int(c, "max_connections_each", 64, 1, 4096);
+    config->idle_s = (uint32_t)ls_conf_int(c, "idle_s", 900, 1, 604800);
     ls_conf_access(c, &config->access);
     ls_conf_listen(c, &config->listen, &config->access);
 }

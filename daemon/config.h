@@ -3,8 +3,8 @@
  * Layer: daemon. Threads: loaded once on ls-main, read-only afterwards. Ownership: the ls_config
  * owns every string and array; free with ls_config_destroy.
  *
- * Every key is documented in lightstaged.conf(5) and lightstage-rig(5). An unknown key, a wrong type or a value out of
- * range is LS_ERR_INVALID with file, line, key and what was expected.
+ * Every key is documented in lightstaged.conf(5) and lightstage-rig(5). An unknown key, a wrong
+ * type or a value out of range is LS_ERR_INVALID with file, line, key and what was expected.
  */
 #ifndef LS_DAEMON_CONFIG_H
 #define LS_DAEMON_CONFIG_H
@@ -73,6 +73,7 @@ struct ls_config {
     uint64_t reserve_bytes; /* disk space never used, default 64 MiB */
     uint64_t queue_bytes;   /* memory for what waits for the disk, default 256 MiB */
     uint32_t max_connections, max_connections_each; /* of all clients, of one; 128, 64 */
+    uint32_t idle_s; /* a client that wants nothing is kept so long, default 900 */
     struct ls_access access;
     struct ls_listen_config listen; /* without an address: the Unix socket alone */
 };

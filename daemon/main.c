@@ -159,7 +159,8 @@ static enum ls_err listen_for_clients(struct daemon *d, struct ls_diag *diag)
                                       .access = &d->config->access,
                                       .listen = &d->config->listen,
                                       .max_connections = d->config->max_connections,
-                                      .max_connections_each = d->config->max_connections_each};
+                                      .max_connections_each = d->config->max_connections_each,
+                                      .idle_s = d->config->idle_s};
     int passed;
     enum ls_err err = ls_supervisor_socket(d->config->socket_path, &passed, diag);
     server.listener = passed > 0 ? passed : 0;

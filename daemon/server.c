@@ -45,6 +45,8 @@ static void fill_defaults(struct ls_server_config *config)
         config->hello_ms = 10000;
     if (!config->stall_ms)
         config->stall_ms = 30000;
+    if (!config->idle_s)
+        config->idle_s = 900;
     if (!config->max_payload)
         config->max_payload = 1024 * 1024;
 }

@@ -8,7 +8,7 @@
  * max_requests jobs, about 4 MiB of frames waiting, what is known of the tiles of one picture for
  * each job); what a client cannot be given in time is counted, and a client that takes nothing for
  * stall_ms while something waits is closed, as is one whose request is not whole stall_ms after its
- * first byte.
+ * first byte, and one that waits for nothing and asks for nothing for idle_s.
  */
 #ifndef LS_DAEMON_SERVER_H
 #define LS_DAEMON_SERVER_H
@@ -32,6 +32,7 @@ struct ls_server_config {
     unsigned serve_threads;                /* [processors, 2 to 4] */
     unsigned hello_ms;                     /* for a handshake, and for the first message [10000] */
     unsigned stall_ms;                     /* without progress while something waits [30000] */
+    unsigned idle_s;                       /* without a request, a stream or a word [900] */
     uint64_t max_payload;                  /* of a request [1 MiB] */
     uint64_t spare_bytes; /* of the storage's disk, that maps of promotion leave free [0] */
 };

@@ -265,6 +265,26 @@ static void close_stalled(struct ls_session *session)
     ls_session_close(session);
 }
 
+/* Nothing is under way in either direction, nor has been for long. */
+static bool is_forgotten(const struct ls_session *session, int64_t now_us)
+{
+    return !session->closing && ls_session_in_flight(session) == 0 &&
+           ls_traffic_waiting(&session->traffic) == 0 &&
+           ls_traffic_quiet_us(&session->traffic, now_us) / 1000000 >=
+               session->service->config.idle_s;
+}
+
+static void close_forgotten(struct ls_session *session)
+{
+    char text[96];
+    snprintf(text, sizeof text,
+             "nothing was asked for %u s: the connection is closed; connect again",
+             session->service->config.idle_s);
+    ls_session_hold(session);
+    refuse(session, 0, LS_PROTO_CLOSING, text);
+    ls_session_release(session);
+}
+
 void ls_session_tick(struct ls_session *session, int64_t now_us)
 {
     const struct ls_server_config *config = &session->service->config;
@@ -272,6 +292,8 @@ void ls_session_tick(struct ls_session *session, int64_t now_us)
         close_stalled(session);
     else if (!session->greeted && (now_us - session->traffic.begun_us) / 1000 >= config->hello_ms)
         ls_session_close(session);
+    else if (session->greeted && is_forgotten(session, now_us))
+        close_forgotten(session);
 }
 
 void ls_session_shutdown(struct ls_session *session)

@@ -93,7 +93,7 @@ void ls_session_next_job(struct ls_session *session)
 
 /* ---- requests ---- */
 
-static unsigned in_flight(const struct ls_session *session)
+unsigned ls_session_in_flight(const struct ls_session *session)
 {
     return session->jobs.length + (session->stepping != NULL) + g_list_length(session->pending) +
            ls_session_streams(session);
@@ -102,7 +102,7 @@ static unsigned in_flight(const struct ls_session *session)
 static bool has_room(struct ls_session *session, uint32_t request)
 {
     char text[128];
-    unsigned n = in_flight(session);
+    unsigned n = ls_session_in_flight(session);
     if (n < session->service->config.max_requests)
         return true;
     snprintf(text, sizeof text, "%u requests are in flight on this connection, at most %u allowed",

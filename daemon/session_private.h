@@ -41,6 +41,9 @@ void ls_session_release(struct ls_session *session);
 
 /* session_jobs.c */
 
+/** Requests that are not answered yet, and streams. */
+unsigned ls_session_in_flight(const struct ls_session *session);
+
 /** Step the next job, if there is one and room for its frame. One at a time per client; the jobs of
  * a client take turns. */
 void ls_session_next_job(struct ls_session *session);

@@ -208,6 +208,12 @@ bool ls_traffic_stalled(const struct ls_traffic *traffic, int64_t now_us, unsign
            (now_us - traffic->begun_us) / 1000 >= ms;
 }
 
+int64_t ls_traffic_quiet_us(const struct ls_traffic *traffic, int64_t now_us)
+{
+    int64_t wrote_us = __atomic_load_n(&traffic->wrote_us, __ATOMIC_RELAXED);
+    return now_us - (wrote_us > traffic->begun_us ? wrote_us : traffic->begun_us);
+}
+
 /* ---- life ---- */
 
 void ls_traffic_init(struct ls_traffic *traffic, struct ls_transport *transport,

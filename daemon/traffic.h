@@ -86,6 +86,9 @@ void ls_traffic_write_now(struct ls_traffic *traffic);
 /** Nothing was taken for @ms though something waits, or the frame under way began @ms ago. */
 bool ls_traffic_stalled(const struct ls_traffic *traffic, int64_t now_us, unsigned ms);
 
+/** Since the last byte went out, or the last frame began to come in. */
+int64_t ls_traffic_quiet_us(const struct ls_traffic *traffic, int64_t now_us);
+
 /** Hang up. The descriptor stays until ls_traffic_finish. */
 void ls_traffic_close(struct ls_traffic *traffic);
 

@@ -95,7 +95,7 @@ const char *ls_proto_error_name(uint32_t number)
     case LS_PROTO_RIG_CHANGED:
         return "rig changed";
     case LS_PROTO_CLOSING:
-        return "shutting down";
+        return "closing";
     case LS_PROTO_RIG_GONE:
         return "device gone";
     case LS_PROTO_RIG_TIMEOUT:

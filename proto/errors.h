@@ -33,7 +33,7 @@ enum ls_proto_error {
     LS_PROTO_CANCELLED = 204, /* by Cancel */
     LS_PROTO_ABORTED = 205,
     LS_PROTO_RIG_CHANGED = 206,
-    LS_PROTO_CLOSING = 207, /* the daemon is shutting down */
+    LS_PROTO_CLOSING = 207, /* the daemon ends, or the client asks for nothing; closes */
     /* 3xx: the rig */
     LS_PROTO_RIG_GONE = 300,
     LS_PROTO_RIG_TIMEOUT = 301,

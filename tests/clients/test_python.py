@@ -260,6 +260,16 @@ def test_a_connection_that_ends_is_lost_and_a_silent_one_times_out(folder):
         assert "no lightstaged answers at" in str(said)
 
 
+def test_who_is_hung_up_on_is_told_why(folder):
+    daemon = Daemon()
+    stage = stage_of(daemon)
+    stage.status()
+    error = messages.Error(number=207, text="nothing was asked for 900 s")
+    daemon.ours.sendall(wire.frame(wire.ERROR, 0, error.SerializeToString(), flags=1))
+    daemon.ours.shutdown(socket.SHUT_RDWR)  # what is asked next cannot be sent
+    refused(207, "nothing was asked", stage.status)
+
+
 def test_halves_are_multiplied_as_the_core_does_it(folder):
     def bits(*values):
         return np.array(values, np.float16).view(np.uint16).tolist()

@@ -174,6 +174,32 @@ static void silent_and_half_spoken_clients_are_closed(struct stage *stage, gcons
     close(half);
 }
 
+/* The one that follows was quiet for longer when the other is hung up on. */
+static void who_follows_may_be_silent_who_does_not_is_closed(struct stage *stage,
+                                                             gconstpointer data)
+{
+    Lightstage__Events events = LIGHTSTAGE__EVENTS__INIT;
+    Lightstage__Status status = LIGHTSTAGE__STATUS__INIT;
+    uint32_t request;
+    size_t n = 0;
+    stage_init(stage);
+    stage->limits.idle_s = 1;
+    stage_open(stage);
+    struct ls_connection *follower = a_client(stage), *library = a_client(stage);
+    g_assert_cmpint(
+        ls_connection_send(follower, LS_MESSAGE_EVENTS, &events.base, NULL, 0, &request, NULL), ==,
+        LS_OK);
+    uint8_t *bytes = hello_then((const uint8_t *)"", 0, &n);
+    g_assert_cmpuint(refusal_of(a_bare_socket(stage), bytes, n), ==, LS_PROTO_CLOSING);
+    wait_for_connections(stage, 1);
+    g_assert_cmpuint(ask(follower, LS_MESSAGE_STATUS, &status.base, NULL, NULL), ==, 0);
+    g_assert_cmpuint(ask(library, LS_MESSAGE_STATUS, &status.base, NULL, NULL), ==,
+                     LS_PROTO_CLOSING);
+    ls_connection_close(follower);
+    ls_connection_close(library);
+    free(bytes);
+}
+
 /* Bytes of an endless request until the daemon hangs up; whether it did within five seconds. */
 static bool drips_until_closed(int fd)
 {
@@ -256,6 +282,8 @@ int main(int argc, char **argv)
     ADD("bad-streams-get-an-error-and-are-closed", bad_streams_get_an_error_and_are_closed);
     ADD("a-message-that-does-not-decode-is-refused", a_message_that_does_not_decode_is_refused);
     ADD("the-first-message-must-be-hello", the_first_message_must_be_hello);
+    ADD_OWN("who-follows-may-be-silent-who-does-not-is-closed",
+            who_follows_may_be_silent_who_does_not_is_closed);
     ADD("disconnecting-anywhere-does-no-harm", disconnecting_anywhere_does_no_harm);
     ADD_OWN("too-many-clients-are-turned-away", too_many_clients_are_turned_away);
     ADD_OWN("silent-and-half-spoken-clients-are-closed", silent_and_half_spoken_clients_are_closed);

@@ -196,8 +196,8 @@ class Link:
                     self._out.popleft()
         except BlockingIOError:
             return False
-        except OSError as wrong:
-            raise Lost(f"the connection to the daemon is lost: {wrong}") from wrong
+        except OSError:  # a daemon that hangs up says why before: that is still to be received
+            self._out.clear()
         return True
 
     # ---- both ----
