@@ -1,47 +1,9 @@
-#include "daemon/bind.h"
+#include "daemon/bind_private.h"
 
 #include <assert.h>
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
-
-struct step {
-    struct ls_step_event event;
-    double exposure_us;
-    bool fired, told;
-    unsigned char outcome, reason;
-};
-
-struct pending {
-    struct ls_camera_frame frame;
-    double mapped_us, slack_us;
-};
-
-struct anchor {
-    bool valid;
-    int64_t step; /* before step 0 after arming again */
-    uint64_t frame_id;
-    uint32_t counter;
-};
-
-struct ls_bind {
-    struct ls_bind_config config;
-    uint32_t max_steps, max_frames;
-    uint32_t n_steps;
-    uint32_t n_seen;    /* steps below this have an event or were skipped */
-    uint32_t n_told;    /* steps below this came out of ls_bind_next */
-    uint32_t n_patient; /* steps below this are settled */
-    uint32_t settled;
-    uint32_t open; /* by order: the step frames belong to, or NO_STEP */
-    bool suspect, late_seen;
-    int64_t due; /* by order: triggers without a frame, by id; below 0: frames without a trigger */
-    uint64_t until_us;
-    uint64_t placed_us; /* by time: until_us when the anchor was last moved, in this program */
-    struct anchor anchor;
-    struct step *steps;
-    struct pending *frames; /* ring */
-    uint32_t first, n_frames;
-};
 
 const char *ls_bind_reason_name(enum ls_bind_reason reason)
 {
@@ -62,10 +24,10 @@ const char *ls_bind_reason_name(enum ls_bind_reason reason)
     return (unsigned)reason < LS_BIND_REASONS ? names[reason] : "unknown";
 }
 
-static void settle(struct ls_bind *bind, uint32_t step, enum ls_bind_outcome outcome,
-                   enum ls_bind_reason reason)
+void ls_bind_settle(struct ls_bind *bind, uint32_t step, enum ls_bind_outcome outcome,
+                    enum ls_bind_reason reason)
 {
-    struct step *s = &bind->steps[step];
+    struct ls_bind_step *s = &bind->steps[step];
     if (s->outcome != LS_BIND_OPEN)
         return;
     s->outcome = (unsigned char)outcome;
@@ -73,11 +35,11 @@ static void settle(struct ls_bind *bind, uint32_t step, enum ls_bind_outcome out
     bind->settled++;
 }
 
-static void settle_before(struct ls_bind *bind, int64_t end, enum ls_bind_outcome outcome,
-                          enum ls_bind_reason reason)
+void ls_bind_settle_before(struct ls_bind *bind, int64_t end, enum ls_bind_outcome outcome,
+                           enum ls_bind_reason reason)
 {
     for (; (int64_t)bind->n_patient < end; bind->n_patient++)
-        settle(bind, bind->n_patient, outcome, reason);
+        ls_bind_settle(bind, bind->n_patient, outcome, reason);
 }
 
 enum ls_err ls_bind_create(const struct ls_bind_config *config, uint32_t max_steps,
@@ -114,7 +76,7 @@ void ls_bind_arm(struct ls_bind *bind, uint32_t n_steps)
 
 void ls_bind_anchor(struct ls_bind *bind, const struct ls_camera_frame *frame)
 {
-    bind->anchor = (struct anchor){
+    bind->anchor = (struct ls_bind_anchor){
         .valid = true, .step = -1, .frame_id = frame->frame_id, .counter = frame->trigger_counter};
     bind->suspect = false;
     bind->due = 0;
@@ -126,8 +88,8 @@ enum ls_err ls_bind_event(struct ls_bind *bind, const struct ls_step_event *even
     if (event->step >= bind->n_steps || event->step < bind->n_seen)
         return LS_ERR_MISMATCH;
     for (uint32_t i = bind->n_seen; i < event->step; i++)
-        settle(bind, i, LS_BIND_AMBIGUOUS, LS_BIND_NO_EVENT);
-    struct step *step = &bind->steps[event->step];
+        ls_bind_settle(bind, i, LS_BIND_AMBIGUOUS, LS_BIND_NO_EVENT);
+    struct ls_bind_step *step = &bind->steps[event->step];
     step->event = *event;
     step->exposure_us = exposure_us;
     step->fired = true;
@@ -141,51 +103,13 @@ void ls_bind_until(struct ls_bind *bind, uint64_t us)
         bind->until_us = us;
 }
 
-void ls_bind_open(struct ls_bind *bind, uint32_t step)
-{
-    if (step >= bind->n_steps)
-        return;
-    bind->open = step;
-    bind->due++;
-}
-
-void ls_bind_quiet(struct ls_bind *bind)
-{
-    bind->due = 0;
-    bind->late_seen = false;
-    bind->suspect = !bind->anchor.valid;
-}
-
-bool ls_bind_suspect(const struct ls_bind *bind)
-{
-    return bind->suspect;
-}
-
-/* By order: the step is over; without a frame, or with frames of unknown order. */
-void ls_bind_expire(struct ls_bind *bind, uint32_t step)
-{
-    if (step >= bind->n_steps || bind->steps[step].outcome != LS_BIND_OPEN)
-        return;
-    if (step != bind->open) {
-        bool clipped = bind->steps[step].event.flags & LS_EVENT_CLIPPED;
-        settle(bind, step, LS_BIND_MISSING, clipped ? LS_BIND_CLIPPED : LS_BIND_NO_FRAME);
-    } else if (bind->late_seen) {
-        bind->suspect = bind->due != 0;
-        bind->late_seen = false;
-        settle(bind, step, LS_BIND_AMBIGUOUS, LS_BIND_SUSPECT);
-    } else {
-        bind->suspect = true;
-        settle(bind, step, LS_BIND_MISSING, LS_BIND_NO_FRAME);
-    }
-}
-
 enum ls_err ls_bind_frame(struct ls_bind *bind, const struct ls_camera_frame *frame,
                           double mapped_us, double slack_us)
 {
     if (bind->n_frames == bind->max_frames)
         return LS_ERR_FULL;
     bind->frames[(bind->first + bind->n_frames++) % bind->max_frames] =
-        (struct pending){.frame = *frame, .mapped_us = mapped_us, .slack_us = slack_us};
+        (struct ls_bind_undecided){.frame = *frame, .mapped_us = mapped_us, .slack_us = slack_us};
     return LS_OK;
 }
 
@@ -195,44 +119,19 @@ static void pop_frame(struct ls_bind *bind)
     bind->n_frames--;
 }
 
-static void move_anchor(struct ls_bind *bind, int64_t step, const struct ls_camera_frame *frame)
+void ls_bind_move_anchor(struct ls_bind *bind, int64_t step, const struct ls_camera_frame *frame)
 {
-    bind->anchor = (struct anchor){.valid = true,
-                                   .step = step,
-                                   .frame_id = frame->frame_id,
-                                   .counter = frame->trigger_counter};
+    bind->anchor = (struct ls_bind_anchor){.valid = true,
+                                           .step = step,
+                                           .frame_id = frame->frame_id,
+                                           .counter = frame->trigger_counter};
     if (bind->config.by_time)
         bind->placed_us = bind->until_us;
 }
 
-/* First seen step that fired at or after @us; n_seen if none. Skipped ones carry no time. */
-static uint32_t first_at(const struct ls_bind *bind, double us)
-{
-    uint32_t i = bind->n_seen;
-    while (i > 0 && (!bind->steps[i - 1].fired || (double)bind->steps[i - 1].event.us >= us))
-        i--;
-    return i;
-}
-
-/* How many steps fired within the window of @us; the last of them in *step. */
-static unsigned near(const struct ls_bind *bind, double us, uint32_t *step)
-{
-    unsigned n = 0;
-    double end = us + bind->config.window_us;
-    for (uint32_t i = first_at(bind, us - bind->config.window_us); i < bind->n_seen; i++) {
-        const struct step *s = &bind->steps[i];
-        if (!s->fired)
-            continue;
-        if ((double)s->event.us > end)
-            break;
-        *step = i;
-        n++;
-    }
-    return n;
-}
-
-static enum ls_bind_reason check_exposure(const struct ls_bind *bind, const struct step *step,
-                                          const struct ls_camera_frame *frame)
+enum ls_bind_reason ls_bind_check_exposure(const struct ls_bind *bind,
+                                           const struct ls_bind_step *step,
+                                           const struct ls_camera_frame *frame)
 {
     if (step->event.flags & LS_EVENT_CLIPPED)
         return LS_BIND_CLIPPED;
@@ -244,34 +143,8 @@ static enum ls_bind_reason check_exposure(const struct ls_bind *bind, const stru
     return match ? LS_BIND_FINE : LS_BIND_EXPOSURE;
 }
 
-static bool deltas_agree(const struct ls_bind *bind, int64_t step,
-                         const struct ls_camera_frame *frame)
-{
-    if (!bind->anchor.valid)
-        return false;
-    int64_t ds = step - bind->anchor.step;
-    int64_t di = (int64_t)(frame->frame_id - bind->anchor.frame_id);
-    uint32_t dc = frame->trigger_counter - bind->anchor.counter;
-    if (di < 1 || di > ds)
-        return false;
-    return !bind->config.has_counter || dc == di;
-}
-
-static enum ls_bind_reason cross_check(const struct ls_bind *bind, uint32_t step,
-                                       const struct pending *pending)
-{
-    const struct step *s = &bind->steps[step];
-    if (bind->suspect)
-        return LS_BIND_SUSPECT;
-    if (!deltas_agree(bind, step, &pending->frame))
-        return LS_BIND_IDS;
-    if (fabs(pending->mapped_us - (double)s->event.us) > bind->config.tight_us + pending->slack_us)
-        return LS_BIND_RESIDUAL;
-    return check_exposure(bind, s, &pending->frame);
-}
-
-static void tell_frame(struct ls_bind_verdict *verdict, const struct ls_camera_frame *frame,
-                       enum ls_bind_reason reason)
+void ls_bind_tell_frame(struct ls_bind_verdict *verdict, const struct ls_camera_frame *frame,
+                        enum ls_bind_reason reason)
 {
     *verdict = (struct ls_bind_verdict){.step = LS_BIND_NO_STEP,
                                         .outcome = LS_BIND_OPEN,
@@ -280,10 +153,10 @@ static void tell_frame(struct ls_bind_verdict *verdict, const struct ls_camera_f
                                         .frame = *frame};
 }
 
-static void tell_bound(struct ls_bind *bind, uint32_t step, const struct ls_camera_frame *frame,
-                       double residual_us, struct ls_bind_verdict *verdict)
+void ls_bind_tell_bound(struct ls_bind *bind, uint32_t step, const struct ls_camera_frame *frame,
+                        double residual_us, struct ls_bind_verdict *verdict)
 {
-    settle(bind, step, LS_BIND_BOUND, LS_BIND_FINE);
+    ls_bind_settle(bind, step, LS_BIND_BOUND, LS_BIND_FINE);
     bind->steps[step].told = true;
     *verdict = (struct ls_bind_verdict){.step = step,
                                         .outcome = LS_BIND_BOUND,
@@ -293,137 +166,23 @@ static void tell_bound(struct ls_bind *bind, uint32_t step, const struct ls_came
                                         .residual_us = residual_us};
 }
 
-/* The frame's time is that of one step, still open. */
-static void place(struct ls_bind *bind, uint32_t step, const struct pending *pending,
-                  struct ls_bind_verdict *verdict)
-{
-    enum ls_bind_reason reason = cross_check(bind, step, pending);
-    if (reason == LS_BIND_FINE) {
-        settle_before(bind, step, LS_BIND_MISSING, LS_BIND_NO_FRAME);
-        tell_bound(bind, step, &pending->frame,
-                   pending->mapped_us - (double)bind->steps[step].event.us, verdict);
-    } else {
-        settle_before(bind, (int64_t)step + 1, LS_BIND_AMBIGUOUS, reason);
-        tell_frame(verdict, &pending->frame, reason);
-    }
-    bind->suspect = false;
-    move_anchor(bind, step, &pending->frame);
-}
-
-/* A frame of a step that was settled without it: too late to be used, still good for the deltas. */
-static void place_late(struct ls_bind *bind, uint32_t step, const struct pending *pending,
-                       struct ls_bind_verdict *verdict)
-{
-    bool bound = bind->steps[step].outcome == LS_BIND_BOUND;
-    if (bound || bind->suspect || !deltas_agree(bind, step, &pending->frame))
-        bind->suspect = true;
-    else
-        move_anchor(bind, step, &pending->frame);
-    tell_frame(verdict, &pending->frame, LS_BIND_STALE);
-}
-
-static void place_between(struct ls_bind *bind, uint32_t last, const struct pending *pending,
-                          struct ls_bind_verdict *verdict)
-{
-    settle_before(bind, (int64_t)last + 1, LS_BIND_AMBIGUOUS, LS_BIND_TWO_PULSES);
-    bind->suspect = true;
-    tell_frame(verdict, &pending->frame, LS_BIND_TWO_PULSES);
-}
-
-static bool is_stale(const struct ls_bind *bind, const struct ls_camera_frame *frame)
+bool ls_bind_is_stale(const struct ls_bind *bind, const struct ls_camera_frame *frame)
 {
     return bind->anchor.valid && (int64_t)(frame->frame_id - bind->anchor.frame_id) <= 0;
-}
-
-/* Can no event at @us or before still come? */
-static bool events_passed(const struct ls_bind *bind, double us)
-{
-    if (bind->n_seen > 0 && (double)bind->steps[bind->n_seen - 1].event.us > us)
-        return true;
-    return (double)bind->until_us > us + bind->config.event_delay_us;
-}
-
-static bool decide_by_time(struct ls_bind *bind, const struct pending *pending,
-                           struct ls_bind_verdict *verdict)
-{
-    double end_us = pending->mapped_us + bind->config.window_us;
-    uint32_t step = 0;
-    unsigned n = near(bind, pending->mapped_us, &step);
-    if (n > 0 ? (double)bind->until_us < end_us : !events_passed(bind, end_us))
-        return false;
-    if (is_stale(bind, &pending->frame)) {
-        tell_frame(verdict, &pending->frame, LS_BIND_STALE);
-    } else if (n == 0) {
-        bind->suspect = true;
-        tell_frame(verdict, &pending->frame, LS_BIND_NO_PULSE);
-    } else if (n > 1) {
-        place_between(bind, step, pending, verdict);
-    } else if (bind->steps[step].outcome != LS_BIND_OPEN) {
-        place_late(bind, step, pending, verdict);
-    } else {
-        place(bind, step, pending, verdict);
-    }
-    return true;
-}
-
-/* The order was lost: collect, anchor on what comes, and let the step's patience end. */
-static void collect(struct ls_bind *bind, const struct ls_camera_frame *frame,
-                    struct ls_bind_verdict *verdict)
-{
-    if (bind->anchor.valid)
-        bind->due -= (int64_t)(frame->frame_id - bind->anchor.frame_id);
-    move_anchor(bind, bind->open == LS_BIND_NO_STEP ? bind->anchor.step : bind->open, frame);
-    bind->late_seen = bind->open != LS_BIND_NO_STEP;
-    tell_frame(verdict, frame, LS_BIND_SUSPECT);
-}
-
-static bool decide_by_order(struct ls_bind *bind, const struct pending *pending,
-                            struct ls_bind_verdict *verdict)
-{
-    const struct ls_camera_frame *frame = &pending->frame;
-    uint32_t step = bind->open;
-    if (is_stale(bind, frame)) {
-        tell_frame(verdict, frame, LS_BIND_STALE);
-        return true;
-    }
-    if (step == LS_BIND_NO_STEP || bind->steps[step].outcome != LS_BIND_OPEN)
-        bind->suspect = true;
-    if (bind->suspect || !bind->anchor.valid) {
-        bind->suspect = true;
-        collect(bind, frame, verdict);
-        return true;
-    }
-    if (!bind->steps[step].fired)
-        return false;
-    int64_t di = (int64_t)(frame->frame_id - bind->anchor.frame_id);
-    uint32_t dc = frame->trigger_counter - bind->anchor.counter;
-    enum ls_bind_reason reason = di != 1 || bind->due != 1 || (bind->config.has_counter && dc != 1)
-                                     ? LS_BIND_IDS
-                                     : check_exposure(bind, &bind->steps[step], frame);
-    if (reason == LS_BIND_FINE) {
-        tell_bound(bind, step, frame, 0, verdict);
-    } else {
-        bind->suspect = bind->due != 1;
-        settle_before(bind, (int64_t)step + 1, LS_BIND_AMBIGUOUS, reason);
-        tell_frame(verdict, frame, reason);
-    }
-    move_anchor(bind, step, frame);
-    bind->due = 0;
-    return true;
 }
 
 static bool decide_frame(struct ls_bind *bind, struct ls_bind_verdict *verdict)
 {
     if (bind->n_frames == 0)
         return false;
-    const struct pending *pending = &bind->frames[bind->first];
+    const struct ls_bind_undecided *pending = &bind->frames[bind->first];
     bool decided = true;
     if (pending->frame.status != LS_FRAME_OK)
-        tell_frame(verdict, &pending->frame, LS_BIND_LOST);
+        ls_bind_tell_frame(verdict, &pending->frame, LS_BIND_LOST);
     else if (bind->config.by_time)
-        decided = decide_by_time(bind, pending, verdict);
+        decided = ls_bind_decide_by_time(bind, pending, verdict);
     else
-        decided = decide_by_order(bind, pending, verdict);
+        decided = ls_bind_decide_by_order(bind, pending, verdict);
     if (decided)
         pop_frame(bind);
     return decided;
@@ -432,13 +191,13 @@ static bool decide_frame(struct ls_bind *bind, struct ls_bind_verdict *verdict)
 static void lose_patience(struct ls_bind *bind)
 {
     while (bind->n_patient < bind->n_seen) {
-        const struct step *step = &bind->steps[bind->n_patient];
+        const struct ls_bind_step *step = &bind->steps[bind->n_patient];
         uint64_t from_us = step->event.us > bind->placed_us ? step->event.us : bind->placed_us;
         bool over = (double)bind->until_us > (double)from_us + bind->config.patience_us;
         if (step->outcome == LS_BIND_OPEN && !over)
             return;
         if (bind->config.by_time)
-            settle(bind, bind->n_patient, LS_BIND_MISSING, LS_BIND_NO_FRAME);
+            ls_bind_settle(bind, bind->n_patient, LS_BIND_MISSING, LS_BIND_NO_FRAME);
         else
             ls_bind_expire(bind, bind->n_patient);
         bind->n_patient++;
@@ -449,7 +208,7 @@ static void lose_patience(struct ls_bind *bind)
 static bool tell_step(struct ls_bind *bind, struct ls_bind_verdict *verdict)
 {
     while (bind->n_told < bind->n_steps) {
-        struct step *step = &bind->steps[bind->n_told];
+        struct ls_bind_step *step = &bind->steps[bind->n_told];
         if (step->outcome == LS_BIND_OPEN)
             return false;
         uint32_t index = bind->n_told++;
@@ -477,7 +236,7 @@ bool ls_bind_flush(struct ls_bind *bind, struct ls_bind_verdict *verdict)
 {
     if (bind->n_frames == 0)
         return false;
-    tell_frame(verdict, &bind->frames[bind->first].frame, LS_BIND_STALE);
+    ls_bind_tell_frame(verdict, &bind->frames[bind->first].frame, LS_BIND_STALE);
     pop_frame(bind);
     return true;
 }
