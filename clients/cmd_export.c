@@ -13,7 +13,8 @@
 #include <unistd.h>
 
 struct options {
-    const char *channels, *lights, *folder, *space;
+    const char *channels, *lights, *folder;
+    enum ls_colour_space space;
     struct lightstage_promotion promotion;
     bool half, packed;
     uint32_t camera;
@@ -53,11 +54,12 @@ static int parse(struct ls_command_context *context, int argc, char **argv, stru
             out->half = true;
         else if (option == 5)
             out->packed = true;
-        else if (option == 6)
-            out->space = optarg;
+        else if (option == 6 && !ls_colour_space_option(optarg, &out->space))
+            return ls_command_wrong("--space %s: expected camera, rec709 or acescg", optarg);
         else if (option == 4 && !ls_camera_option(optarg, &out->camera))
             return ls_command_wrong("--camera %s: expected the number of a camera, from 0", optarg);
-        else if (option != 4 && (code = ls_promotion_option(option, optarg, &out->promotion)))
+        else if (option != 4 && option != 6 &&
+                 (code = ls_promotion_option(option, optarg, &out->promotion)))
             return code;
     }
     return ls_command_arguments(&ls_command_export, argc, 2) ? LS_EXIT_OK : LS_EXIT_USAGE;
@@ -174,7 +176,7 @@ static enum ls_err export_take(struct work *work)
 
 static int run(struct ls_command_context *context, int argc, char **argv)
 {
-    struct options options = {.space = "camera"};
+    struct options options = {0};
     struct ls_take_document *document = NULL;
     int code = parse(context, argc, argv, &options);
     if (!code)

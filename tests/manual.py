@@ -76,8 +76,10 @@ def check_render():
     assert len(options) > 25, options
     wrong = [f"lightstage-render.1 does not name {option}" for option in options
              if not re.search(re.escape(option) + r"(?![a-z-])", text)]
-    found = set(complete("lightstage-render", "x", "--fr"))
-    return wrong + [f"--fr: {found}"] * (found != {"--frames"})
+    for words, wanted in (("--fr",), {"--frames"}), (("--space", ""), {"camera", "rec709"}):
+        found = set(complete("lightstage-render", "x", *words))
+        wrong += [f"{words}: {found}"] * (found != wanted)
+    return wrong
 
 
 def complete(*words):
@@ -95,7 +97,9 @@ def check_completion():
     for words, wanted in ((("rel",), {"relight"}), (("take", "sh"), {"show"}),
                           (("take", "start", "--pl"), {"--plan"}),
                           (("relight", "x", "--max"), {"--max-error"}),
-                          (("fetch", "x", "--max"), {"--max-error"})):
+                          (("fetch", "x", "--max"), {"--max-error"}),
+                          (("export", "x", "y", "--space", ""), {"camera", "rec709", "acescg"}),
+                          (("relight", "x", "y", "--space", ""), {"camera", "rec709"})):
         found = set(complete("lightstagectl", *words))
         if found != wanted:
             wrong.append(f"{words}: {found}, expected {wanted}")
