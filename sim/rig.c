@@ -19,6 +19,7 @@ struct sim_rig {
     struct sim_camera *cameras[SIM_MAX_CAMERAS];
     uint32_t n_cameras;
     struct sim_controller *controller;
+    bool working; /* the work light is on; under the controller's lock */
     _Atomic bool ending;
 };
 
@@ -74,6 +75,11 @@ static void on_work(void *user, uint64_t true_ns, uint16_t channel, double duty)
 {
     struct sim_rig *rig = user;
     sim_showing_work(rig->showing, true_ns, channel, sim_scene_quantise(rig->scene, duty));
+    if (duty > 0)
+        fprintf(stderr, "lightstage-sim: work light: channel %u at %.4f\n", channel, duty);
+    else if (rig->working)
+        fputs("lightstage-sim: work light: off\n", stderr);
+    rig->working = duty > 0;
 }
 
 static void on_render(void *user, const struct sim_exposure *exposure,

@@ -94,6 +94,12 @@ def shown(rig, fate="sent"):
     return [e for e in map(json.loads, lines) if e["fate"] == fate]
 
 
+def work_light(rig):
+    """Is it on? By the simulator's own word: to ask the controller would be a sign of life to it."""
+    told = [l for l in stage.read(rig.path("sim.log")).splitlines() if ": work light: " in l]
+    return bool(told) and not told[-1].endswith(": off")
+
+
 def journal(rig, take):
     """The journal's records."""
     text = stage.read(rig.path(os.path.join("takes", take, "journal")))

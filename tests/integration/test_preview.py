@@ -4,7 +4,6 @@ nobody who looks holds up."""
 import json
 import struct
 import subprocess
-import time
 
 import harness
 import takes
@@ -12,7 +11,6 @@ import wire
 from harness import stage
 
 EXPOSURE_US, PREVIEW = "20000", 18
-HEARTBEAT_S = 1.0  # the simulated controller's
 
 
 def look(rig, *options, frames=3):
@@ -84,9 +82,10 @@ def test_the_light_goes_out_with_whoever_asked_for_it(folder):
     assert is_dark(rig)
 
     client, _ = begin_looking(rig, "--exposure", EXPOSURE_US, "--light", "R")
+    assert harness.work_light(rig)
     rig.daemon.kill()
     client.wait()
-    time.sleep(HEARTBEAT_S + 0.25)  # the controller's own time: nobody is left to ask it
+    harness.wait_for("the controller puts the light out", lambda: not harness.work_light(rig))
     rig.start_daemon()
     assert lights_now(rig) == []
 

@@ -1,13 +1,10 @@
 #!/usr/bin/python3 -B
 """What the dome may do to people and to itself: heat, power, the emergency stop, what is left lit
 after a take and after a crash. The controller is the simulator, spoken to over its protocol."""
-import time
-
 import harness
 import takes
 
 WORK = 'work_light = { channel = "R"; level = 2000; };'
-HEARTBEAT_S = 1.0  # the simulated controller's
 
 
 def now(rig):
@@ -37,9 +34,10 @@ def test_after_a_crash_the_controller_shows_the_work_light_by_itself(folder):
     rig = harness.twelve(folder, daemon_extra=WORK, scene="stamp").start()
     take = takes.begin(rig, takes.LONG)
     takes.fire(rig, takes.FIRST_LIGHT + 20)
+    assert not harness.work_light(rig)
     rig.daemon.kill()
     rig.daemon = None
-    time.sleep(HEARTBEAT_S + 0.25)  # the controller's own time: nobody is left to ask it
+    harness.wait_for("the controller shows the work light", lambda: harness.work_light(rig))
     rig.start_daemon()
     lights = takes.lights_status(rig)
     assert lights["faults"] == ["heartbeat"] and lights["now"] == ["work light"], lights
