@@ -5,9 +5,6 @@ usage: leaks.py [--takes N] [--connects N]
 
 One daemon, on six lights and a camera of 64 x 64. Its own memory is looked at twenty times, and the
 least of the third to sixth time is compared with the least of the last four: more than 5 % is a leak.
-Its allocator has one arena here. With one for each thread, as ever, a take's threads find another
-one's at every take, and each arena keeps the most that any thread ever needed: over 1,000 takes that
-adds a fifth, of free memory: after 125 takes 1.0 MB of the arenas' 8.5 is in use (malloc_info).
 """
 import argparse
 import signal
@@ -73,8 +70,7 @@ def main():
     parser.add_argument("--connects", type=int, default=10000)
     given = parser.parse_args()
     with tempfile.TemporaryDirectory(prefix="ls-leaks-") as folder:
-        rig = harness.rig_of(folder, scene_extra="lights = 6;", size=64,
-                             environment={"MALLOC_ARENA_MAX": "1"}).start()
+        rig = harness.rig_of(folder, scene_extra="lights = 6;", size=64).start()
         try:
             good = [flat("takes", photograph, rig, given.takes),
                     flat("connections", connect, rig, given.connects)]
