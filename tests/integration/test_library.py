@@ -8,9 +8,11 @@ import numpy as np
 
 import harness
 import pictures
+import takes
 
 LISTEN = """listen = { port = 0; certificate = "pki/server.pem"; key = "pki/server.key";
   authority = "pki/authority.pem"; operators = ["operator"]; readers = ["reader"]; };"""
+FRAMES = 3  # that the client looks at
 PICTURES = 21  # of harness.PLAN with twelve lights: three darks, six spheres, twelve lights
 CLIENT = os.path.join(harness.BUILD, "tests", "integration", "library_client")
 
@@ -28,6 +30,21 @@ def fetched_by_control(rig, take):
     rig.control("fetch", take, "--channel", "R", "--lights", "0,7", "--model", "sphere",
                 "--layout", "rgb", "--output", rig.path("control"))
     return [pictures.read(rig.path(f"control.{light:04d}.exr")) for light in (1, 8)]
+
+
+def check_frames(rig, take):
+    """Frames that were seen while the take ran are frames that it kept."""
+    raw = os.path.join(takes.folder(rig, take), "cam0", "raw")
+    kept = set()
+    for name in os.listdir(raw):
+        with open(os.path.join(raw, name), "rb") as file:
+            kept.add(file.read())
+    bytes_of, = {len(pixels) for pixels in kept}
+    with open(rig.path("plan.conf.frames"), "rb") as file:
+        seen = file.read()
+    payload = len(seen) // FRAMES
+    assert bytes_of <= payload < bytes_of + 4096, (len(seen), bytes_of)  # what a frame says of itself
+    assert kept.issuperset({seen[k * payload:][:bytes_of] for k in range(FRAMES)})
 
 
 def check_factored(rig, take):
@@ -62,7 +79,7 @@ def test_takes_and_pictures_are_the_same_by_the_library_at_the_socket_and_by_tls
     rig = harness.twelve(folder, daemon_extra=LISTEN)
     rig.control("pki", "init", rig.path("pki"))
     rig.start()
-    harness.stage.write(rig.path("plan.conf"), harness.PLAN)
+    harness.stage.write(rig.path("plan.conf"), takes.KEEP_RAW)
     for who in None, "operator":
         code, pixels, said = by_library(rig, rig.path("plan.conf"), who)
         assert code == 0, said
@@ -75,6 +92,8 @@ def test_takes_and_pictures_are_the_same_by_the_library_at_the_socket_and_by_tls
         for other in None, "operator", "reader":
             code, again, said = by_library(rig, take["id"], other)
             assert code == 0 and np.array_equal(again, expected), (other, said)
+        if who is None:
+            check_frames(rig, take["id"])
     check_factored(rig, take["id"])
     before = len(rig.takes())
     code, _, said = by_library(rig, rig.path("plan.conf"), "reader")
