@@ -50,6 +50,10 @@ def show(name, result, fps, wrong):
         print(f"  camera {camera}: latency p50 / p99 / max in ms: {line}")
         if result["losses"][camera]:
             print(f"  camera {camera}: {result['losses'][camera]}")
+    for processor, pauses in enumerate(result["pauses_ms"] or []):
+        if pauses:
+            print(f"  processor {processor} stood still {len(pauses)} times, {sum(pauses):.0f} ms in all, "
+                  f"{max(pauses):.0f} at most: no thread ran, of whatever priority")
     cost = result["cpu_ms_per_frame"]
     for part, ms in sorted(cost.items(), key=lambda item: -item[1]):
         if ms >= 0.05:

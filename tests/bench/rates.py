@@ -20,7 +20,8 @@ import rig as stage  # noqa: E402
 
 PROCESSORS = 2
 HARDWARE_NICE = -10  # of the simulator: ten times the weight of who has 0
-PULLERS = os.path.join(os.path.dirname(os.path.abspath(__file__)), "pullers.py")
+HERE = os.path.dirname(os.path.abspath(__file__))
+PULLERS, METRONOME = os.path.join(HERE, "pullers.py"), os.path.join(HERE, "metronome.py")
 SIDE_PX = 2048
 EXPOSURES_US = (400, 2000, 8000)
 CHANNELS = "WRGB"
@@ -67,6 +68,24 @@ def prefer(pid):
             os.setpriority(os.PRIO_PROCESS, int(task), HARDWARE_NICE)
         except (PermissionError, ProcessLookupError):
             continue
+
+
+class Metronomes:
+    """The pauses of the processors themselves while something goes on."""
+
+    def __enter__(self):
+        self.children = [subprocess.Popen([METRONOME, str(processor)], text=True, stdout=subprocess.PIPE,
+                                          preexec_fn=stage.die_with_parent)
+                         for processor in sorted(os.sched_getaffinity(0))]
+        self.tick = all(child.stdout.readline() for child in self.children)
+        return self
+
+    def __exit__(self, *_):
+        for child in self.children:
+            child.terminate()
+        texts = [child.communicate()[0] for child in self.children]
+        # of each processor, in ms; None: not permitted
+        self.pauses_ms = [[float(ms) for ms in text.split()] for text in texts] if self.tick else None
 
 
 class Account:
@@ -213,7 +232,9 @@ def take(build, side=SIDE_PX, fps=72, pixel_format="BayerRG8", cameras=1, condit
             prefer(rig.dome.child.pid)
             short = rig.start_take("pulled", ONE) if pulled else None
             pullers = pull(rig, short) if pulled else None
-            result = measure(rig, side, plan(conditions, exposures_us))
+            with Metronomes() as metronomes:
+                result = measure(rig, side, plan(conditions, exposures_us))
+            result["pauses_ms"] = metronomes.pauses_ms
             return {**result, "pulled_mb": let_go(pullers) / 1e6} if pulled else result
         finally:
             rig.stop()
