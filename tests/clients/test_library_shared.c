@@ -1,22 +1,12 @@
 /* liblightstage: memory that the daemon shares, of pictures and of a camera's frames. */
-#include "clients/lightstage.h"
 #include "daemon/preview.h"
 #include "daemon/ring.h"
-#include "tests/clients/ctl_fixture.h"
-#include "tests/daemon/take_fixture.h"
+#include "tests/clients/library_fixture.h"
 
 #include <dirent.h>
 #include <string.h>
 
 enum { SIDE = 64, ACROSS = 3, TILES = ACROSS * 3 };
-
-static struct lightstage *connected(const struct stage *stage)
-{
-    struct lightstage_address address = {.size = sizeof address, .where = stage->socket_path};
-    struct lightstage *client = NULL;
-    g_assert_cmpuint(lightstage_connect(&address, &client, NULL), ==, 0);
-    return client;
-}
 
 /* Also the daemon's, which keeps those of stored pictures, and some others while it sends. What the
  * library left open would be one for each picture. */
@@ -165,9 +155,6 @@ static void the_newest_frame_is_looked_at(struct stage *stage, gconstpointer dat
     lightstage_ring_free(ring);
     lightstage_close(client);
 }
-
-#define ADD_LIBRARY(name, function) \
-    g_test_add("/liblightstage/" name, struct stage, NULL, with_stage, function, end_stage)
 
 int main(int argc, char **argv)
 {
