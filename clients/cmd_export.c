@@ -56,10 +56,9 @@ static int parse(struct ls_command_context *context, int argc, char **argv, stru
             out->packed = true;
         else if (option == 6 && !ls_colour_space_option(optarg, &out->space))
             return ls_command_wrong("--space %s: expected camera, rec709 or acescg", optarg);
-        else if (option == 4 && !ls_camera_option(optarg, &out->camera))
-            return ls_command_wrong("--camera %s: expected the number of a camera, from 0", optarg);
-        else if (option != 4 && option != 6 &&
-                 (code = ls_promotion_option(option, optarg, &out->promotion)))
+        else if (option != 6 &&
+                 (code = option == 4 ? ls_camera_option(optarg, &out->camera)
+                                     : ls_promotion_option(option, optarg, &out->promotion)))
             return code;
     }
     return ls_command_arguments(&ls_command_export, argc, 2) ? LS_EXIT_OK : LS_EXIT_USAGE;

@@ -1,6 +1,7 @@
 #include "clients/command.h"
 #include "clients/numbered_name.h"
 #include "clients/picture_file.h"
+#include "clients/region_option.h"
 
 #include <inttypes.h>
 #include <math.h>
@@ -28,10 +29,7 @@ static int read_option(int option, const char *text, struct options *o)
     double number = 0;
     switch (option) {
     case 'c':
-        if (!read_number(text, 0, 1000, &number) || number != floor(number))
-            return ls_command_wrong("preview: --camera: expected the number of a camera");
-        o->camera = (uint32_t)number;
-        return LS_EXIT_OK;
+        return ls_camera_option(text, &o->camera);
     case 'n':
         if (!read_number(text, 1, 1e9, &number) || number != floor(number))
             return ls_command_wrong("preview: --frames: expected 1 or more");

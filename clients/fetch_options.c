@@ -51,18 +51,11 @@ static int parse_option(struct ls_fetch_options *out, int option)
         out->full_sphere = true;
         return LS_EXIT_OK;
     case 9:
-        return ls_region_option(optarg, &out->region)
-                   ? LS_EXIT_OK
-                   : ls_command_wrong("--region %s: expected X,Y,WIDTH,HEIGHT", optarg);
+        return ls_region_option(optarg, &out->region);
     case 10:
-        return ls_camera_option(optarg, &out->camera)
-                   ? LS_EXIT_OK
-                   : ls_command_wrong("--camera %s: expected the number of a camera, from 0",
-                                      optarg);
+        return ls_camera_option(optarg, &out->camera);
     case 14:
-        return ls_level_option(optarg, &out->level)
-                   ? LS_EXIT_OK
-                   : ls_command_wrong("--level %s: expected 0 (full size), 1 or 2", optarg);
+        return ls_level_option(optarg, &out->level);
     case 12:
         out->validity = true;
         return LS_EXIT_OK;

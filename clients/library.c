@@ -30,6 +30,11 @@ uint32_t ls_library_fail(struct lightstage_error *error, uint32_t number, const 
     return number;
 }
 
+uint32_t ls_library_stopped(int stop, struct lightstage_error *error)
+{
+    return stop ? ls_library_fail(error, LIGHTSTAGE_CANCELLED, "cancelled by the callback") : 0;
+}
+
 uint32_t ls_library_number(enum ls_err err)
 {
     switch (err) {

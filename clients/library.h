@@ -25,6 +25,9 @@ typedef uint32_t ls_on_reply(const struct ls_reply *reply, void *user,
 uint32_t ls_library_fail(struct lightstage_error *error, uint32_t number, const char *fmt, ...)
     LS_PRINTF(3, 4);
 
+/** What a reply ends with whose callback returned @stop: 0, or LIGHTSTAGE_CANCELLED. */
+uint32_t ls_library_stopped(int stop, struct lightstage_error *error);
+
 /** The library's number for what a connection says. */
 uint32_t ls_library_number(enum ls_err err);
 

@@ -56,7 +56,7 @@ static uint32_t take_events(const struct ls_reply *reply, void *user,
         stop = tell_pictures(call, r);
     if (call->listener.alarm && !stop)
         stop = tell_alarms(call, r);
-    return stop ? ls_library_fail(error, LIGHTSTAGE_CANCELLED, "cancelled by the callback") : 0;
+    return ls_library_stopped(stop, error);
 }
 
 uint32_t lightstage_events_begin(struct lightstage *stage,

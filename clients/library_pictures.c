@@ -77,9 +77,7 @@ static uint32_t take_band(const struct ls_reply *reply, void *user, struct light
         band.variance = reply->payload + band.values_bytes;
     if (r->validity)
         band.validity = reply->payload + band.values_bytes + variances;
-    return call->callback(&band, call->user)
-               ? ls_library_fail(error, LIGHTSTAGE_CANCELLED, "cancelled by the callback")
-               : 0;
+    return ls_library_stopped(call->callback(&band, call->user), error);
 }
 
 uint32_t ls_library_fill_fetch(struct ls_library_fetch *out, const struct lightstage_fetch *fetch,

@@ -28,9 +28,7 @@ static uint32_t take_preview(const struct ls_reply *reply, void *user,
         reply->payload_bytes != (size_t)3 * r->width * r->height)
         return ls_library_fail(error, LIGHTSTAGE_STRANGE,
                                "the daemon sent pixels that do not fit the picture");
-    return call->callback(&view, call->user)
-               ? ls_library_fail(error, LIGHTSTAGE_CANCELLED, "cancelled by the callback")
-               : 0;
+    return ls_library_stopped(call->callback(&view, call->user), error);
 }
 
 uint32_t lightstage_preview_begin(struct lightstage *stage,

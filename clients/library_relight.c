@@ -45,8 +45,8 @@ static uint32_t tell(const struct relight_call *call, struct lightstage_relit *r
     rows->spectra = at;
     if (!spectra || !at)
         number = ls_library_fail(error, LIGHTSTAGE_NO_MEMORY, "out of memory");
-    else if (call->callback(rows, call->user))
-        number = ls_library_fail(error, LIGHTSTAGE_CANCELLED, "cancelled by the callback");
+    else
+        number = ls_library_stopped(call->callback(rows, call->user), error);
     free(spectra);
     free(at);
     return number;

@@ -28,7 +28,7 @@ static uint32_t take_list(const struct ls_reply *reply, void *user, struct light
     for (size_t i = 0; i < r->n_takes; i++) {
         const struct lightstage_take_summary summary = summary_of(r->takes[i]);
         if (call->callback(&summary, call->user))
-            return ls_library_fail(error, LIGHTSTAGE_CANCELLED, "cancelled by the callback");
+            return ls_library_stopped(1, error);
     }
     return 0;
 }

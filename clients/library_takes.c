@@ -207,9 +207,7 @@ static uint32_t take_progress(const struct ls_reply *reply, void *user,
     const struct progress_call *call = user;
     const struct lightstage_take_status status =
         ls_library_take_status((const Lightstage__TakeStatus *)reply->message);
-    return call->callback(&status, call->user)
-               ? ls_library_fail(error, LIGHTSTAGE_CANCELLED, "cancelled by the callback")
-               : 0;
+    return ls_library_stopped(call->callback(&status, call->user), error);
 }
 
 uint32_t lightstage_take_progress_begin(struct lightstage *stage, const char *token,

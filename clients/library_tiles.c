@@ -80,7 +80,7 @@ static uint32_t take_tiles(const struct ls_reply *reply, void *user, struct ligh
     if (mapped)
         munmap((void *)mapped, r->memfd_bytes);
     if (stop)
-        return ls_library_fail(error, LIGHTSTAGE_CANCELLED, "cancelled by the callback");
+        return ls_library_stopped(stop, error);
     return call->gives_back && seen && !reply->last
                ? lightstage_credit(call->stage, reply->request, seen, error)
                : 0;

@@ -1,5 +1,6 @@
 #include "clients/region_option.h"
 
+#include "clients/command.h"
 #include "core/level.h"
 
 #include <ctype.h>
@@ -21,7 +22,7 @@ static bool next_number(const char **text, uint32_t *out)
     return true;
 }
 
-bool ls_region_option(const char *text, struct lightstage_region *out)
+static bool read_region(const char *text, struct lightstage_region *out)
 {
     uint32_t *const values[] = {&out->x, &out->y, &out->width, &out->height};
     for (int i = 0; i < 4; i++) {
@@ -33,9 +34,24 @@ bool ls_region_option(const char *text, struct lightstage_region *out)
     return *text == '\0' && out->width > 0 && out->height > 0;
 }
 
-bool ls_level_option(const char *text, uint32_t *out)
+int ls_region_option(const char *text, struct lightstage_region *out)
 {
-    return next_number(&text, out) && *text == '\0' && *out <= LS_LEVEL_MAX;
+    return read_region(text, out)
+               ? LS_EXIT_OK
+               : ls_command_wrong("--region %s: expected X,Y,WIDTH,HEIGHT", text);
+}
+
+/* A number and nothing else. */
+static bool read_number(const char *text, uint32_t *out)
+{
+    return next_number(&text, out) && *text == '\0';
+}
+
+int ls_level_option(const char *text, uint32_t *out)
+{
+    return read_number(text, out) && *out <= LS_LEVEL_MAX
+               ? LS_EXIT_OK
+               : ls_command_wrong("--level %s: expected 0 (full size), 1 or 2", text);
 }
 
 struct ls_picture_place ls_level_place(const struct lightstage_region *region, uint32_t level,
@@ -45,9 +61,11 @@ struct ls_picture_place ls_level_place(const struct lightstage_region *region, u
                                      ls_level_size(width, level), ls_level_size(height, level)};
 }
 
-bool ls_camera_option(const char *text, uint32_t *out)
+int ls_camera_option(const char *text, uint32_t *out)
 {
-    return next_number(&text, out) && *text == '\0';
+    return read_number(text, out)
+               ? LS_EXIT_OK
+               : ls_command_wrong("--camera %s: expected the number of a camera, from 0", text);
 }
 
 static bool add_range(uint32_t first, uint32_t last, uint32_t limit, bool *named, uint32_t *out,

@@ -1,6 +1,7 @@
 /*
- * region_option: lists of numbers on the command line.
- * Layer: clients. Threads: any. Ownership: the caller's.
+ * region_option: which pixels, camera and lights, on the command line. Functions that return an int
+ * return LS_EXIT_OK or LS_EXIT_USAGE, said already.
+ * Layer: clients. Threads: the main thread. Ownership: the caller's.
  */
 #ifndef LS_CLIENTS_REGION_OPTION_H
 #define LS_CLIENTS_REGION_OPTION_H
@@ -12,18 +13,18 @@
 #include <stddef.h>
 #include <stdint.h>
 
-/** "X,Y,WIDTH,HEIGHT", width and height at least 1. */
-bool ls_region_option(const char *text, struct lightstage_region *out);
+/** --region X,Y,WIDTH,HEIGHT, width and height at least 1. */
+int ls_region_option(const char *text, struct lightstage_region *out);
 
-/** A level: 0 (full size) to LS_LEVEL_MAX. */
-bool ls_level_option(const char *text, uint32_t *out);
+/** --level: 0 (full size) to LS_LEVEL_MAX. */
+int ls_level_option(const char *text, uint32_t *out);
 
 /** Where the pictures of a level lie that were asked for by @region. */
 struct ls_picture_place ls_level_place(const struct lightstage_region *region, uint32_t level,
                                        uint32_t width, uint32_t height);
 
-/** The number of a camera, from 0. */
-bool ls_camera_option(const char *text, uint32_t *out);
+/** --camera: its number, from 0. */
+int ls_camera_option(const char *text, uint32_t *out);
 
 /** "0,5,7-9": numbers and ranges below @limit, each light once however often it is named, in the
  * order of its first naming. *out: (transfer full). */

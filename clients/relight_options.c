@@ -101,18 +101,11 @@ int ls_relight_option(struct ls_relight_options *out, int option)
                    ? LS_EXIT_OK
                    : ls_command_wrong("--max-error %s: expected 0 or more", optarg);
     case LS_RELIGHT_CAMERA:
-        return ls_camera_option(optarg, &out->camera)
-                   ? LS_EXIT_OK
-                   : ls_command_wrong("--camera %s: expected the number of a camera, from 0",
-                                      optarg);
+        return ls_camera_option(optarg, &out->camera);
     case LS_RELIGHT_LEVEL:
-        return ls_level_option(optarg, &out->level)
-                   ? LS_EXIT_OK
-                   : ls_command_wrong("--level %s: expected 0 (full size), 1 or 2", optarg);
+        return ls_level_option(optarg, &out->level);
     case LS_RELIGHT_REGION:
-        return ls_region_option(optarg, &out->region)
-                   ? LS_EXIT_OK
-                   : ls_command_wrong("--region %s: expected X,Y,WIDTH,HEIGHT", optarg);
+        return ls_region_option(optarg, &out->region);
     default:
         return ls_promotion_option(option, optarg, &out->promotion);
     }
