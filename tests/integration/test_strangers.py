@@ -11,7 +11,7 @@ import honest
 import takes
 import wire
 
-CONNECTS, FLOOD, LORISES = 3000, 4000, 40
+CONNECTS, FLOOD, LORISES = 10000, 4000, 40
 SMALL = """subject = "still";
 exposures_us = [500];
 darks = 2;
@@ -86,7 +86,7 @@ def test_an_honest_client_does_not_notice_strangers(folder):
         # client and whatever else tests run share two cores, by slices of a few milliseconds
         assert middle < 0.1 and worst < 3, (name, middle, worst)
     # answers that wait for who reads none fill what those before left, give or take a frame or two;
-    # a kilobyte and a half lost with every connection would be more
+    # half a kilobyte lost with every connection would be more
     after = honest.resident(rig)
     print(f"# {before / 1e6:.1f} MB of the daemon's own, then {after / 1e6:.1f} MB")
     if not harness.SANITIZED:  # a sanitizer's daemon has memory of its own
