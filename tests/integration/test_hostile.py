@@ -2,6 +2,7 @@
 """Clients that send anything at all, in any number, while a take runs: the take does not notice."""
 import os
 import random
+import socket
 import struct
 import time
 
@@ -66,6 +67,29 @@ class Crowd:
         peer.send(wire.frame(wire.TAKE_SHOW, body=b"\x0a\xff\xff\x03abc"))
         self.refused(peer)
 
+    def sends_descriptors_nobody_asked_for(self):
+        """With a request, and with the first half of a header."""
+        peer = self.peer()
+        fds = [peer.socket.fileno()] * 200
+        socket.send_fds(peer.socket, [wire.frame(wire.STATUS, 6)], fds)
+        kind, _, _, _ = peer.receive()
+        assert kind == wire.STATUS | wire.REPLY, kind
+        socket.send_fds(peer.socket, [wire.frame(wire.STATUS, 7)[:16]], fds)
+        peer.close()
+
+    def gives_credit_and_cancels_what_is_not_there(self):
+        peer = self.peer()
+        fetch = wire.message(f1=self.take, f3="W", f17=1)
+        peer.send(wire.frame(wire.FETCH, 2, fetch))
+        for request in (2, 2, 3, (1 << 32) - 1):  # of one that counts it, of none
+            peer.send(wire.frame(wire.CREDIT, 9, wire.message(f1=request, f2=(1 << 64) - 1)))
+            peer.send(wire.frame(wire.CANCEL, 10, wire.message(f1=request + 1 & 0xffffffff)))
+        answered = set()
+        while 9 not in answered:
+            kind, request, _, _ = peer.receive()
+            answered.add(request)
+        peer.close()
+
     def stops_in_the_middle(self):
         peer = self.peer(greeted=False)
         data = wire.hello() + self.request()
@@ -117,7 +141,7 @@ class Crowd:
     def verbs(self):
         return [getattr(self, name) for name in dir(Crowd)
                 if name.split("_")[0] in ("says", "announces", "asks", "sends", "stops", "leaves",
-                                          "flips", "wants")]
+                                          "flips", "wants", "gives")]
 
     def go(self):
         for peer in self.open:
