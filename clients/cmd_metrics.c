@@ -153,7 +153,7 @@ static int run(struct ls_command_context *context, int argc, char **argv)
 
 const struct ls_command ls_command_metrics = {
     "metrics", "What was counted since the daemon started, and how long pictures take",
-    "[--json]\n"
+    "[--prometheus [--output FILE]] [--json]\n"
     "  --prometheus   in the text format of Prometheus, for node_exporter's textfile collector\n"
     "  --output FILE  there, as a whole file, in place of standard output",
     run};

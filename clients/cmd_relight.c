@@ -261,6 +261,7 @@ const struct ls_command ls_command_relight = {
     "         [--rotate DEG,DEG,...] [--space camera|rec709]\n" LS_PROMOTION_USAGE
     "         [--region X,Y,WIDTH,HEIGHT] [--level 0|1|2] [--exposure STOPS] [--max-error E]\n"
     "         [--camera N] [--json]\n"
+    "         --space: what the numbers of a map are; --raw: the picture in the camera's colours\n"
     "       lightstagectl relight TAKE --weights FILE.json... --output FILE.exr [...]\n"
     "         instead of an environment: {\"W\": [one per light, radiance x sr], ...};\n"
     "         each more file is one more --weights\n"

@@ -10,8 +10,9 @@
 
 static void print_usage(const struct ls_command *command, FILE *out)
 {
-    fprintf(out, "usage: %s %s%s%s\n%s.\n", program_invocation_short_name, command->name,
-            command->name[0] ? " " : "", command->usage, command->summary);
+    fprintf(out, "usage: %s%s%s%s%s\n%s.\n", program_invocation_short_name,
+            command->name[0] ? " " : "", command->name, command->usage[0] ? " " : "",
+            command->usage, command->summary);
 }
 
 void ls_command_defaults(struct ls_command_context *context)
@@ -71,7 +72,8 @@ bool ls_command_arguments(const struct ls_command *command, int argc, int n)
 {
     if (argc - optind == n)
         return true;
-    ls_command_wrong("%s: %d arguments, expected %d", command->name, argc - optind, n);
+    ls_command_wrong("%s: expected %d argument%s, found %d", command->name, n, n == 1 ? "" : "s",
+                     argc - optind);
     print_usage(command, stderr);
     return false;
 }

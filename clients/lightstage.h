@@ -3,10 +3,10 @@
  * Threads: one at a time per client; clients do not share anything. Ownership: as stated.
  * Signals: what the caller's thread blocks stays blocked; a handler that runs interrupts no call.
  *
- *     struct lightstage_address address = {sizeof address};
+ *     struct lightstage_address address = {.size = sizeof address,
+ *                                          .where = "/run/lightstaged/socket"};
  *     struct lightstage *stage = NULL;
  *     struct lightstage_error error;
- *     address.where = "/run/lightstaged/socket";
  *     if (lightstage_connect(&address, &stage, &error))
  *         printf("%u: %s\n", error.number, error.text);
  *
@@ -15,13 +15,13 @@
  * structs of the library are const and live as long as is said; those of callbacks until it
  * returns.
  *
- * Structs that a caller fills begin with their own size, the rest 0 is the default: the library
- * reads no byte behind that size, and refuses (108) what a newer header set and it does not know.
- * Structs that the library fills are made by the library, which hands out pointers to them.
- * Within a soname both kinds grow at their end alone: a new member begins at or behind the size
- * that there was, never in its padding, and 0 means there what there was before. No member goes,
- * moves or changes its meaning; enums and numbers only gain values. lightstage_error,
- * lightstage_shape and lightstage_region never change.
+ * Structs that a caller fills begin with their own size, the rest 0 is the default (in C++, address
+ * = {} and then address.size = sizeof address): the library reads no byte behind that size, and
+ * refuses (108) what a newer header set and it does not know. Structs that the library fills are
+ * made by the library, which hands out pointers to them. Within a soname both kinds grow at their
+ * end alone: a new member begins at or behind the size that there was, never in its padding, and 0
+ * means there what there was before. No member goes, moves or changes its meaning; enums and
+ * numbers only gain values. lightstage_error, lightstage_shape and lightstage_region never change.
  */
 #ifndef LIGHTSTAGE_H
 #define LIGHTSTAGE_H

@@ -11,8 +11,9 @@ int main(int argc, char **argv)
     struct lightstage *stage = NULL;
     struct lightstage_error error;
     struct lightstage_shape shape = {0, 0, 0, 0};
-    struct lightstage_address address = {sizeof address};
-    struct lightstage_fetch fetch = {sizeof fetch};
+    struct lightstage_address address = {.size = sizeof address};
+    struct lightstage_fetch fetch = {
+        .size = sizeof fetch, .lights = &light, .n_lights = 1, .layout = LIGHTSTAGE_RGB};
     double sum = 0;
     if (argc != 4) {
         fprintf(stderr, "usage: %s SOCKET TAKE CHANNEL\n", argv[0]);
@@ -21,9 +22,6 @@ int main(int argc, char **argv)
     address.where = argv[1];
     fetch.take = argv[2];
     fetch.channel = argv[3];
-    fetch.lights = &light;
-    fetch.n_lights = 1;
-    fetch.layout = LIGHTSTAGE_RGB;
     uint32_t number = lightstage_connect(&address, &stage, &error);
     if (!number)
         number = lightstage_fetch_into(stage, &fetch, pixels, sizeof pixels, &shape, &error);

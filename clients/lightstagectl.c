@@ -9,13 +9,11 @@
 #include <string.h>
 
 static const struct ls_command *const commands[] = {
-    &ls_command_status,      &ls_command_rig,         &ls_command_preflight,
-    &ls_command_take_start,  &ls_command_take_list,   &ls_command_take_show,
-    &ls_command_take_verify, &ls_command_take_resume, &ls_command_take_abort,
-    &ls_command_fetch,       &ls_command_relight,     &ls_command_blank,
-    &ls_command_calibrate,   &ls_command_take_slate,  &ls_command_metrics,
-    &ls_command_preview,     &ls_command_pki_init,    &ls_command_pki_add,
-    &ls_command_events,      &ls_command_export,
+    &ls_command_status,     &ls_command_rig,       &ls_command_preview,    &ls_command_blank,
+    &ls_command_calibrate,  &ls_command_preflight, &ls_command_take_start, &ls_command_take_resume,
+    &ls_command_take_abort, &ls_command_take_list, &ls_command_take_show,  &ls_command_take_verify,
+    &ls_command_take_slate, &ls_command_fetch,     &ls_command_export,     &ls_command_relight,
+    &ls_command_metrics,    &ls_command_events,    &ls_command_pki_init,   &ls_command_pki_add,
 };
 
 enum { N_COMMANDS = sizeof commands / sizeof *commands };
@@ -33,6 +31,7 @@ static void print_help(FILE *out)
           "                 a daemon on another machine; else LIGHTSTAGED_SERVER,\n"
           "                 LIGHTSTAGED_CERTIFICATE, LIGHTSTAGED_KEY, LIGHTSTAGED_AUTHORITY\n"
           "  --json         machine-readable answer, with every reading command\n"
+          "  --version\n"
           "  COMMAND --help says more of a command\n"
           "\n"
           "Exit status: 0 done; 1 done, and the answer is no (damage found, take not complete);\n"
