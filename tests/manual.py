@@ -9,6 +9,7 @@ import os
 import re
 import subprocess
 import sys
+import tempfile
 
 ROOT, BUILD, CTL = (os.path.abspath(path) for path in sys.argv[1:4])
 # which page has the keys that a file reads; of config.c, the functions that read the daemon's file
@@ -107,6 +108,25 @@ def check_completion():
     return wrong + [f"{name} is not completed" for name in sorted(missing)]
 
 
+def example(name):
+    """Of the page @name, the lines of its example."""
+    found, = re.findall(r"# EXAMPLE\n.*?```\n(.*?)```", read(ROOT, "daemon", name + ".scd"), re.DOTALL)
+    return found
+
+
+def check_examples():
+    """lightstaged --check takes those of its pages; tests/integration/test_plan_kinds.py a plan's."""
+    with tempfile.TemporaryDirectory() as folder:
+        for name, text in (("daemon.conf", example("lightstaged.conf.5")),
+                           ("rig.conf", example("lightstage-rig.5")), ("lights.csv", "0,1,0\n0,0,1.5\n")):
+            with open(os.path.join(folder, name), "w", encoding="utf-8") as file:
+                file.write(text)
+        run = subprocess.run([os.path.join(BUILD, "daemon", "lightstaged"), "--check", "--config",
+                              os.path.join(folder, "daemon.conf")], capture_output=True, text=True,
+                             check=False)
+    return [run.stderr.strip()] * (run.returncode != 0)
+
+
 def check_errors():
     """Each number of errors.h, and its word, in PROTOCOL.md's table."""
     numbers = re.findall(r"(LS_PROTO_\w+) = (\d+)", read(ROOT, "proto", "errors.h"))
@@ -132,6 +152,7 @@ def main():
     checks = (("every key of a file stands in its page", check_keys),
               ("every command and option stands in lightstagectl(1)", check_commands),
               ("every option stands in lightstage-render(1), and bash completes it", check_render),
+              ("examples of configuration are good", check_examples),
               ("the protocol lists every error", check_errors),
               ("the protocol names every capability", check_capabilities),
               ("bash completes commands and options", check_completion))

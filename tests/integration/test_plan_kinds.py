@@ -80,9 +80,17 @@ def test_every_picture_is_the_sum_of_the_lights_its_plan_says(folder):
     assert len(rows) == 19 and rows[7]["id"] == "multiplex-W-0007", len(rows)
 
 
+def example():
+    """lightstage-plan(5)'s."""
+    page = harness.stage.read(os.path.join(harness.ROOT, "daemon", "lightstage-plan.5.scd"))
+    return page.split("# EXAMPLE")[1].split("```")[1]
+
+
 def test_a_pattern_without_a_factor_is_said_before_and_in_the_take(folder):
     rig = harness.twelve(folder).start()
     plan = PLAN.replace("10922", "728")
+    cost = rig.ask("preflight", "--plan", takes.plan_file(rig, example()))
+    assert cost["shots"] >= 3 * (64 + LIGHTS + 2), cost  # and references; the manual's own plan
     text = takes.plan_file(rig, plan)
     warnings = rig.ask("preflight", "--plan", text)["warnings"].splitlines()
     said = [w for w in warnings if "not calibrated" in w]
