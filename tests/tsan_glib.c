@@ -112,9 +112,11 @@ static void unref_call(gpointer data)
     g_free(call);
 }
 
+/* Who looks for a source by its data does not ref it first. */
 static void get_call(gpointer data, GSource *source, GSourceFunc *function, gpointer *user)
 {
     struct call *call = data;
+    __tsan_acquire(&posted);
     *function = call->function;
     *user = call->data;
 }
