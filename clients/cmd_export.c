@@ -13,8 +13,7 @@
 #include <unistd.h>
 
 struct options {
-    const char *channels, *lights, *folder;
-    enum ls_colour_space space;
+    const char *channels, *lights, *folder, *space;
     struct lightstage_promotion promotion;
     bool half, packed;
     uint32_t camera;
@@ -54,10 +53,9 @@ static int parse(struct ls_command_context *context, int argc, char **argv, stru
             out->half = true;
         else if (option == 5)
             out->packed = true;
-        else if (option == 6 && !ls_colour_space_option(optarg, &out->space))
-            return ls_command_wrong("--space %s: expected camera, rec709 or acescg", optarg);
-        else if (option != 6 &&
-                 (code = option == 4 ? ls_camera_option(optarg, &out->camera)
+        else if (option == 6)
+            out->space = optarg;
+        else if ((code = option == 4 ? ls_camera_option(optarg, &out->camera)
                                      : ls_promotion_option(option, optarg, &out->promotion)))
             return code;
     }
@@ -175,7 +173,7 @@ static enum ls_err export_take(struct work *work)
 
 static int run(struct ls_command_context *context, int argc, char **argv)
 {
-    struct options options = {0};
+    struct options options = {.space = "camera"};
     struct ls_take_document *document = NULL;
     int code = parse(context, argc, argv, &options);
     if (!code)

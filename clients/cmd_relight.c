@@ -1,4 +1,3 @@
-#include "clients/colour_space.h"
 #include "clients/command.h"
 #include "clients/environment_file.h"
 #include "clients/light_weights.h"
@@ -60,8 +59,7 @@ static enum ls_err write_exr(const struct work *work, uint32_t picture, const ch
     ls_promotion_report_attrs(&work->result.report, options->solve.solve == LS_LIGHT_TRISTIMULUS,
                               &attrs);
     ls_exr_attrs_string(&attrs, "lightstage/environment", file ? file + 1 : light);
-    ls_exr_attrs_string(&attrs, "lightstage/space",
-                        ls_colour_space_name(rec709 ? LS_SPACE_REC709 : LS_SPACE_CAMERA));
+    ls_exr_attrs_string(&attrs, "lightstage/units", rec709 ? "rec709-linear" : "camera-raw");
     ls_exr_attrs_float(&attrs, "lightstage/rotation", (float)ls_relight_turn(options, picture));
     if (rec709)
         ls_picture_attrs_primaries(&ls_primaries_rec709, &attrs);
@@ -258,7 +256,7 @@ const struct ls_command ls_command_relight = {
     "relight",
     "A take under another light: a lat-long .hdr or .exr, or lobes or a captured light as .json",
     "TAKE ENVIRONMENT... --output FILE.exr [--png FILE.png] [--raw]\n" LS_RELIGHT_SOLVE_USAGE
-    "         [--rotate DEG,DEG,...] [--space camera|rec709]\n" LS_PROMOTION_USAGE
+    "         [--rotate DEG,DEG,...] [--space rec709-linear|camera-raw]\n" LS_PROMOTION_USAGE
     "         [--region X,Y,WIDTH,HEIGHT] [--level 0|1|2] [--exposure STOPS] [--max-error E]\n"
     "         [--camera N] [--json]\n"
     "         --space: what the numbers of a map are; --raw: the picture in the camera's colours\n"

@@ -56,7 +56,7 @@ static void make_recipe(struct ls_export *export)
                                 lightstage_model_name(p->model), export->camera, (int)p->reference,
                                 p->ideal_polarisation, p->plain_conductors,
                                 export->half ? "half" : "float", export->packed ? " packed" : "",
-                                ls_colour_space_name(export->space.space));
+                                export->space.name);
     for (uint32_t s = 0; s < export->n_spectra && n < sizeof export->recipe; s++)
         n += (size_t)snprintf(export->recipe + n, sizeof export->recipe - n, " %s",
                               export->spectra[s].name);
@@ -120,7 +120,7 @@ static int take_band(const struct lightstage_band *band, void *user)
 
 static void convert(const struct ls_export *export, struct ls_image *image)
 {
-    if (export->space.space != LS_SPACE_CAMERA)
+    if (export->space.primaries)
         ls_colours_apply(export->space.from_camera, image->pixels,
                          (size_t)image->width * image->height, image->pixels);
 }
@@ -138,8 +138,7 @@ static enum ls_err fetch(struct ls_export *export, struct ls_export_spectrum *sp
         .n_lights = 1,
         .promotion = spectrum->photographed ? &measured : &export->promotion,
         .layout = export->document->mono ? LIGHTSTAGE_MONO : LIGHTSTAGE_RGB,
-        .sample = export->half && export->space.space == LS_SPACE_CAMERA ? LIGHTSTAGE_HALF
-                                                                         : LIGHTSTAGE_FLOAT,
+        .sample = export->half && !export->space.primaries ? LIGHTSTAGE_HALF : LIGHTSTAGE_FLOAT,
         .camera = export->camera,
     };
     struct received r = {.export = export, .spectrum = spectrum, .light = light};

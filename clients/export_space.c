@@ -23,7 +23,7 @@ static enum ls_err has_matrix(const char *name, const struct ls_take_document *d
 static void begin_camera(struct ls_export_space *space, const struct ls_take_document *document)
 {
     struct ls_diag none = {0};
-    space->shown = !has_matrix(ls_colour_space_name(space->space), document, &none);
+    space->shown = !has_matrix(space->name, document, &none);
     if (space->shown)
         memcpy(space->to_rec709, document->calibration->m, sizeof space->to_rec709);
 }
@@ -38,35 +38,48 @@ static void between(const struct ls_primaries *from, const struct ls_primaries *
         ls_primaries_convert(from, to, m);
 }
 
-enum ls_err ls_export_space_begin(struct ls_export_space *out, enum ls_colour_space space,
+enum ls_err ls_export_space_begin(struct ls_export_space *space, const char *name,
                                   const struct ls_take_document *document, struct ls_diag *diag)
 {
-    const struct ls_primaries *primaries = ls_colour_space_primaries(space);
+    static const struct {
+        const char *name;
+        const struct ls_primaries *primaries;
+    } spaces[] = {
+        {"camera", NULL}, {"rec709", &ls_primaries_rec709}, {"acescg", &ls_primaries_acescg}};
+    *space = (struct ls_export_space){0};
+    for (int k = 0; k < 3; k++)
+        if (strcmp(name, spaces[k].name) == 0) {
+            space->name = spaces[k].name;
+            space->primaries = spaces[k].primaries;
+        }
+    if (!space->name)
+        return ls_fail(diag, LS_ERR_INVALID, "--space %s: expected camera, rec709 or acescg", name);
+    if (!space->primaries)
+        return begin_camera(space, document), LS_OK;
     double convert[3][3];
-    *out = (struct ls_export_space){.space = space};
-    if (!primaries)
-        return begin_camera(out, document), LS_OK;
-    enum ls_err err = has_matrix(ls_colour_space_name(space), document, diag);
+    enum ls_err err = has_matrix(name, document, diag);
     if (err)
         return err;
-    between(&ls_primaries_rec709, primaries, convert);
-    between(primaries, &ls_primaries_rec709, out->to_rec709);
-    ls_colours_multiply(convert, document->calibration->m, out->from_camera);
-    out->shown = true;
+    between(&ls_primaries_rec709, space->primaries, convert);
+    between(space->primaries, &ls_primaries_rec709, space->to_rec709);
+    ls_colours_multiply(convert, document->calibration->m, space->from_camera);
+    space->shown = true;
     return LS_OK;
 }
 
 void ls_export_space_attrs(const struct ls_export_space *space, struct ls_exr_attrs *attrs)
 {
-    const struct ls_primaries *primaries = ls_colour_space_primaries(space->space);
-    ls_exr_attrs_string(attrs, "lightstage/space", ls_colour_space_name(space->space));
-    if (!primaries)
+    bool rec709 = space->primaries == &ls_primaries_rec709;
+    ls_exr_attrs_string(attrs, "lightstage/space",
+                        !space->primaries ? "camera-raw"
+                        : rec709          ? "rec709-linear"
+                                          : "acescg");
+    if (!space->primaries)
         return;
-    const double *xy = primaries->xy[3];
+    const double *xy = space->primaries->xy[3];
     const float white[2] = {(float)xy[0], (float)xy[1]};
-    ls_picture_attrs_primaries(primaries, attrs);
+    ls_picture_attrs_primaries(space->primaries, attrs);
     ls_exr_attrs_v2f(attrs, "adoptedNeutral", white);
-    ls_exr_attrs_string(
-        attrs, "lightstage/whitePoint",
-        space->space == LS_SPACE_REC709 ? "D65" : "ACES (0.32168, 0.33767), from D65 by Bradford");
+    ls_exr_attrs_string(attrs, "lightstage/whitePoint",
+                        rec709 ? "D65" : "ACES (0.32168, 0.33767), from D65 by Bradford");
 }

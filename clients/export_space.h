@@ -5,24 +5,25 @@
 #ifndef LS_CLIENTS_EXPORT_SPACE_H
 #define LS_CLIENTS_EXPORT_SPACE_H
 
-#include "clients/colour_space.h"
 #include "clients/take_document.h"
 #include "core/exr.h"
+#include "core/primaries.h"
 
 struct ls_export_space {
-    enum ls_colour_space space;
-    double from_camera[3][3]; /* but for the camera's */
-    bool shown;               /* what its colours are on a screen is known */
-    double to_rec709[3][3];   /* if so */
+    const char *name;                     /* as --space has it; never NULL once begun */
+    const struct ls_primaries *primaries; /* NULL: the camera's own, which none describe */
+    double from_camera[3][3];             /* with primaries */
+    bool shown;                           /* what its colours are on a screen is known */
+    double to_rec709[3][3];               /* if so */
 };
 
 /**
- * @space, of @document's pictures: through the calibration's matrix M, which takes the camera's
- * colours to Rec. 709, and from there by core/primaries.h. Errors: LS_ERR_UNSUPPORTED (a mono
- * camera, no matrix; not for the camera's).
+ * The space of that name, "camera", "rec709" or "acescg", for @document's pictures: through the
+ * calibration's matrix M, which takes the camera's colours to Rec. 709, and from there by
+ * core/primaries.h. Errors: LS_ERR_INVALID (no such name), LS_ERR_UNSUPPORTED (a mono camera, no
+ * matrix; not for "camera").
  */
-LS_MUST_CHECK enum ls_err ls_export_space_begin(struct ls_export_space *out,
-                                                enum ls_colour_space space,
+LS_MUST_CHECK enum ls_err ls_export_space_begin(struct ls_export_space *space, const char *name,
                                                 const struct ls_take_document *document,
                                                 struct ls_diag *diag);
 

@@ -43,7 +43,7 @@ static enum ls_err map_to_raw(const struct ls_light_solver *solver, double to_ra
         return LS_OK;
     }
     if (!cal || !cal->has_m) {
-        out->warning = "the take has no matrix M: the map's numbers are taken as --space camera";
+        out->warning = "the take has no matrix M: the map's numbers are used as camera-raw";
         return LS_OK;
     }
     if (!invert(cal->m, to_raw))

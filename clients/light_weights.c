@@ -107,9 +107,8 @@ enum ls_err ls_light_functionals(struct ls_light_solver *solver, struct ls_diag 
     uint32_t green = solver->n_colours == 3 ? 1 : 0;
     if (!solver->environment->lobes && solver->environment->map.space == LS_MAP_CAMERA_RAW) {
         if (solver->n_colours != 3)
-            return ls_fail(
-                diag, LS_ERR_UNSUPPORTED,
-                "a map in --space camera needs a colour camera; this take's is monochrome");
+            return ls_fail(diag, LS_ERR_UNSUPPORTED,
+                           "a camera-raw map needs a colour camera; this take's is monochrome");
         memcpy(solver->functionals, solver->sensitivity, sizeof solver->functionals);
         return LS_OK;
     }

@@ -20,7 +20,7 @@ const struct ls_command ls_command_render = {
     "TAKE ENVIRONMENT... --output FOLDER/NAME.%04d.exr\n"
     "         [--frames FIRST-LAST[xSTEP]] [--rotate FROM,TO] [--jobs N] [--again] [--quiet]\n"
     "         [--socket PATH | --server tls://HOST:PORT --certificate FILE --key FILE\n"
-    "         --authority FILE] [--raw] [--space camera|rec709]\n" LS_RELIGHT_SOLVE_USAGE
+    "         --authority FILE] [--raw] [--space rec709-linear|camera-raw]\n" LS_RELIGHT_SOLVE_USAGE
         LS_PROMOTION_USAGE
     "         [--region X,Y,WIDTH,HEIGHT] [--level 0|1|2] [--max-error E] [--camera N]\n"
     "         [--json] [--version]\n"

@@ -1,6 +1,5 @@
 #include "clients/relight_options.h"
 
-#include "clients/colour_space.h"
 #include "clients/kept_files.h"
 #include "clients/numbered_name.h"
 #include "clients/region_option.h"
@@ -44,16 +43,6 @@ static int read_rows(struct ls_relight_options *out)
                : LS_EXIT_OK;
 }
 
-static int set_space(const char *text, enum ls_map_space *out)
-{
-    enum ls_colour_space space;
-    if (!ls_colour_space_option(text, &space) || space == LS_SPACE_ACESCG)
-        return ls_command_wrong("--space %s: expected camera or rec709, which a map can be in",
-                                text);
-    *out = space == LS_SPACE_CAMERA ? LS_MAP_CAMERA_RAW : LS_MAP_REC709_LINEAR;
-    return LS_EXIT_OK;
-}
-
 void ls_relight_options_init(struct ls_relight_options *out)
 {
     out->promotion =
@@ -95,7 +84,10 @@ int ls_relight_option(struct ls_relight_options *out, int option)
         out->profile = ls_profile_find(optarg);
         return out->profile ? LS_EXIT_OK : ls_command_wrong("--profile %s: expected paper", optarg);
     case LS_RELIGHT_SPACE:
-        return set_space(optarg, &out->space);
+        out->space = strcmp(optarg, "camera-raw") == 0 ? LS_MAP_CAMERA_RAW : LS_MAP_REC709_LINEAR;
+        if (out->space == LS_MAP_REC709_LINEAR && strcmp(optarg, "rec709-linear") != 0)
+            return ls_command_wrong("--space %s: expected rec709-linear or camera-raw", optarg);
+        return LS_EXIT_OK;
     case LS_RELIGHT_MAX_ERROR:
         return number(optarg, &out->max_error) && out->max_error >= 0
                    ? LS_EXIT_OK

@@ -20,7 +20,7 @@ static json_t *solve_json(const struct ls_light_weights *weights)
         return NULL;
     json_t *json = json_pack(
         "{ss ss sf sf sf si}", "mode", solution->mode == LS_SOLVE_SHARED ? "shared" : "per-target",
-        "space", solution->space == LS_SOLVE_AFTER_M ? "after-M" : "camera", "tikhonov",
+        "space", solution->space == LS_SOLVE_AFTER_M ? "after-M" : "camera-raw", "tikhonov",
         weights->tikhonov, "residual", weights->residual, "worst_residual",
         solution->worst.relative, "rank", (int)solution->worst.rank);
     if (isfinite(solution->worst.condition))

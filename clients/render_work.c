@@ -1,6 +1,5 @@
 #include "clients/render_work.h"
 
-#include "clients/colour_space.h"
 #include "clients/environment_file.h"
 #include "clients/picture_attrs.h"
 #include "clients/region_option.h"
@@ -102,8 +101,7 @@ static void describe(const struct batch *batch, uint32_t k, struct ls_exr_attrs 
         ls_relit_in_rec709(work->document, weights) && (!options->raw || weights->after_m);
     ls_picture_attrs_take(work->document, work->document->calibration != NULL, attrs);
     ls_exr_attrs_string(attrs, "lightstage/environment", file ? file + 1 : frame->light);
-    ls_exr_attrs_string(attrs, "lightstage/space",
-                        ls_colour_space_name(rec709 ? LS_SPACE_REC709 : LS_SPACE_CAMERA));
+    ls_exr_attrs_string(attrs, "lightstage/units", rec709 ? "rec709-linear" : "camera-raw");
     ls_exr_attrs_string(attrs, "lightstage/model", lightstage_model_name(options->promotion.model));
     ls_exr_attrs_float(attrs, "lightstage/rotation", (float)frame->turn_deg);
     ls_exr_attrs_int(attrs, "lightstage/frame", (int32_t)frame->number);

@@ -77,7 +77,7 @@ def check_render():
     assert len(options) > 25, options
     wrong = [f"lightstage-render.1 does not name {option}" for option in options
              if not re.search(re.escape(option) + r"(?![a-z-])", text)]
-    for words, wanted in (("--fr",), {"--frames"}), (("--space", ""), {"camera", "rec709"}):
+    for words, wanted in (("--fr",), {"--frames"}), (("--space", ""), {"rec709-linear", "camera-raw"}):
         found = set(complete("lightstage-render", "x", *words))
         wrong += [f"{words}: {found}"] * (found != wanted)
     return wrong
@@ -100,7 +100,7 @@ def check_completion():
                           (("relight", "x", "--max"), {"--max-error"}),
                           (("fetch", "x", "--max"), {"--max-error"}),
                           (("export", "x", "y", "--space", ""), {"camera", "rec709", "acescg"}),
-                          (("relight", "x", "y", "--space", ""), {"camera", "rec709"})):
+                          (("relight", "x", "y", "--space", ""), {"rec709-linear", "camera-raw"})):
         found = set(complete("lightstagectl", *words))
         if found != wanted:
             wrong.append(f"{words}: {found}, expected {wanted}")
