@@ -53,6 +53,12 @@ class Client:
 def resident(rig):
     """Bytes of the daemon's memory that are its own: pictures that it has mapped are the
     kernel's to take back."""
+    return sizes(rig)["RssAnon"]
+
+
+def sizes(rig):
+    """Bytes of the daemon that are in memory, by the names of proc(5)."""
     with open(f"/proc/{rig.daemon.child.pid}/status", encoding="ascii") as file:
         fields = dict(line.split(":", 1) for line in file)
-    return 1024 * int(fields["RssAnon"].split()[0])
+    return {name: 1024 * int(value.split()[0]) for name, value in fields.items()
+            if name.startswith("Rss") or name == "VmRSS"}
