@@ -40,8 +40,8 @@ static void print_help(FILE *out)
           out);
 }
 
-/* "take --help": print the commands of a first word; false if there are none. */
-static bool print_family(const char *word)
+/* Print the commands that begin with @word, as "take"; false if there are none. */
+static bool print_family(FILE *out, const char *word)
 {
     size_t n = strlen(word);
     bool any = false;
@@ -49,9 +49,9 @@ static bool print_family(const char *word)
         if (strncmp(commands[i]->name, word, n) != 0 || commands[i]->name[n] != ' ')
             continue;
         if (!any)
-            printf("usage: lightstagectl %s COMMAND [ARGUMENTS]\n\n", word);
+            fprintf(out, "usage: lightstagectl %s COMMAND [ARGUMENTS]\n\n", word);
         any = true;
-        printf("  %-12s  %s\n", commands[i]->name, commands[i]->summary);
+        fprintf(out, "  %-12s  %s\n", commands[i]->name, commands[i]->summary);
     }
     return any;
 }
@@ -78,11 +78,12 @@ static int run(struct ls_command_context *context, int argc, char **argv)
         optind = 0; /* getopt starts anew, at the word after the name */
         return commands[i]->run(context, argc - words + 1, argv + words - 1);
     }
-    if (argc > 1 && strcmp(argv[1], "--help") == 0 && print_family(argv[0]))
+    if (argc > 1 && strcmp(argv[1], "--help") == 0 && print_family(stdout, argv[0]))
         return LS_EXIT_OK;
-    ls_command_wrong("%s%s%s: no such command; --help lists them", argv[0],
-                     argc > 1 && strcmp(argv[0], "take") == 0 ? " " : "",
-                     argc > 1 && strcmp(argv[0], "take") == 0 ? argv[1] : "");
+    if (!print_family(stderr, argv[0]))
+        ls_command_wrong("%s: no such command; --help lists them", argv[0]);
+    else if (argc > 1)
+        ls_command_wrong("%s %s: no such command", argv[0], argv[1]);
     return LS_EXIT_USAGE;
 }
 

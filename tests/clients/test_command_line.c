@@ -13,7 +13,8 @@ static void wrong_command_lines_end_with_2_and_a_sentence(void)
     } cases[] = {
         {"", "usage:"},
         {"nonsense", "no such command"},
-        {"take", "no such command"},
+        {"take", "usage: lightstagectl take COMMAND"},
+        {"pki", "pki init"},
         {"take fly", "take fly: no such command"},
         {"--nonsense status", "unrecognized option"},
         {"status extra", "expected 0 arguments, found 1"},
