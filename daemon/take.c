@@ -60,6 +60,7 @@ enum ls_take_state ls_take_run(struct ls_take *take, struct ls_capture_report *r
     bool written = true;
     snprintf(id, sizeof id, "%s", ls_take_id(take));
     enum ls_take_state state = run(take, report, message, &written);
+    ls_events_alarm(take->context->events, LS_ALARM_HOT, false, id, ""); /* it pauses no more */
     if (!written)
         ls_events_alarm(take->context->events, LS_ALARM_DISK, true, id, message->text);
     else if (state == LS_TAKE_FAILED || state == LS_TAKE_INCOMPLETE)

@@ -59,25 +59,27 @@ def drip(lorises, k):
         peer.send(frame[k:k + 1] or b" ")
 
 
+def crowd(path, n):
+    lorises = [wire.Peer(path) for _ in range(LORISES)]
+    flooding = [floods(path, FLOOD) for _ in range(4)]
+    for k in range(n // 100):
+        connects(path, 100)
+        half_open(path)
+        drip(lorises, k)
+    for peer in lorises + flooding:
+        peer.close()
+
+
 def test_an_honest_client_does_not_notice_strangers(folder):
     rig = harness.twelve(folder).start()
     code, status, err = takes.photograph(rig, SMALL)
     assert code == 0, err
     path = rig.path("socket")
-    connects(path, 300)  # what the first connections leave is not a leak, nor what an allocator
-    for peer in [floods(path, FLOOD) for _ in range(4)]:  # keeps of answers nobody read
-        peer.close()
+    crowd(path, CONNECTS // 10)  # what the first leave is not a leak, nor what an allocator keeps
     before = honest.resident(rig)
     client = honest.Client(path, status["id"])
-    lorises = [wire.Peer(path) for _ in range(LORISES)]
-    flooding = [floods(path, FLOOD) for _ in range(4)]
-    for k in range(CONNECTS // 100):
-        connects(path, 100)
-        half_open(path)
-        drip(lorises, k)
+    crowd(path, CONNECTS)
     seconds = client.ended()
-    for peer in lorises + flooding:
-        peer.close()
     for name, all_of_it in seconds.items():
         middle, worst = statistics.median(all_of_it), max(all_of_it)
         print(f"# {name}: {len(all_of_it)} answers, median {1e3 * middle:.1f} ms, "
