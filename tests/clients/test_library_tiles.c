@@ -74,8 +74,11 @@ static void tiles_come_once_and_go_on_where_they_were_left(struct stage *stage, 
 static double brightest(const struct lightstage_tile *tile)
 {
     double most = 0;
-    for (size_t k = 0; k < tile->values_bytes / sizeof(float); k++)
-        most = fmax(most, fabs((double)((const float *)tile->values)[k]));
+    float value;
+    for (size_t at = 0; at < tile->values_bytes; at += sizeof value) {
+        memcpy(&value, (const char *)tile->values + at, sizeof value); /* of any alignment */
+        most = fmax(most, fabs((double)value));
+    }
     return most;
 }
 
