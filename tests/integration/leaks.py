@@ -7,7 +7,7 @@ One daemon, on six lights and a camera of 64 x 64. Its memory is looked at twent
 own, not some file's, the least of the third to sixth time is compared with the least of the last four.
 More than 5 % of its whole resident set is a leak: 18 MB, so of 700 takes 1.3 kB each. Half a megabyte is none: an
 allocator with an arena for each thread takes some hundred takes until all of them have met every size
-(it grew by 490 kB, in the last 300 of 1,000 by nothing; with one arena by 190 kB in 400).
+(two runs of 1,000: 490 and 620 kB, in the last 300 takes 10 and 130; with one arena 190 kB in 400).
 """
 import argparse
 import signal
